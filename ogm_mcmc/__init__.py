@@ -1,0 +1,24 @@
+"""Occupancy grid mapping with probabilities that can be believed.
+
+Capability table
+----------------
+========================  ===================================  =============================
+what                      where                                source
+========================  ===================================  =============================
+live map, known pose      `ogm_mcmc.mapping.two_assumption`    [gibbs] section II, [slides]
+exact ray traversal       `ogm_mcmc.geometry`                  none, see its design note
+CARMEN logs, bags, maps   `ogm_mcmc.io`                        file formats
+small simulated building  `ogm_mcmc.simulation`                none
+ROS 2 nodes               `ogm_mcmc.ros`                       needs rclpy
+========================  ===================================  =============================
+
+A newcomer reads `ogm_mcmc.pipeline` first: scan + pose -> rays -> grid -> message on one page.
+
+Keys of the sources, cited all over the package: [gibbs] Merali and Barfoot, "Occupancy grid
+mapping with Markov chain Monte Carlo Gibbs sampling", ICRA 2013; [patch] the same authors,
+patch-based sampling with a data-driven prior; [pose] Joubert, Brink and Herbst, pose-uncertain
+occupancy grid mapping by Monte Carlo integration; [slides] Burgard and Krawez, "Grid maps and
+mapping with known poses"; [field] GRF-LOOM, log-odds Gaussian random fields.
+"""
+
+__version__ = '0.1.0'

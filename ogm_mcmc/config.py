@@ -1,0 +1,229 @@
+"""Settings: frozen dataclasses whose fields carry description and bounds.
+
+One declaration serves the Python constructor, the YAML file, the ROS parameter descriptor and
+the table in `docs/parameters.md`. Nested classes become dotted names (`step.l_occ`). A wrong
+value is refused with the reason, never repaired.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TypeVar, get_type_hints
+
+import yaml
+
+from ogm_mcmc.errors import ConfigError, require
+
+__all__ = [
+    'MapperConfig',
+    'OutputConfig',
+    'Setting',
+    'StepModelConfig',
+    'build',
+    'check_bounds',
+    'flatten',
+    'read_parameter_file',
+    'setting',
+    'settings_of',
+]
+
+T = TypeVar('T')
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One leaf of a config class: dotted name, type, default, meaning and bounds."""
+
+    name: str
+    type: type
+    default: Any
+    description: str
+    low: float | None = None
+    high: float | None = None
+    choices: tuple[str, ...] = ()
+
+
+def setting(
+    default: Any,
+    description: str,
+    *,
+    low: float | None = None,
+    high: float | None = None,
+    choices: tuple[str, ...] = (),
+) -> Any:
+    """Declare a dataclass field with its description and inclusive bounds."""
+    bounds = {'description': description, 'low': low, 'high': high, 'choices': choices}
+    return field(default=default, metadata=bounds)
+
+
+def settings_of(cls: type, prefix: str = '') -> Iterator[Setting]:
+    """Walk over the leaves of a config class, depth first, in order of declaration."""
+    hints = get_type_hints(cls)
+    for item in dataclasses.fields(cls):
+        kind = hints[item.name]
+        if dataclasses.is_dataclass(kind):
+            yield from settings_of(kind, f'{prefix}{item.name}.')
+        else:
+            yield Setting(f'{prefix}{item.name}', kind, item.default, **item.metadata)
+
+
+def check_bounds(config: Any) -> None:
+    """Refuse a config object with a leaf of the wrong type or out of bounds."""
+    values = flatten(config)
+    for leaf in settings_of(type(config)):
+        value = values[leaf.name]
+        number = leaf.type in (int, float)
+        right_type = isinstance(value, leaf.type) or (leaf.type is float and type(value) is int)
+        if leaf.type is not bool and isinstance(value, bool):
+            right_type = False
+        require(right_type, leaf.name, value, f'expected {leaf.type.__name__}')
+        if leaf.choices:
+            require(value in leaf.choices, leaf.name, value, f'one of {", ".join(leaf.choices)}')
+        if number:
+            low = -math.inf if leaf.low is None else leaf.low
+            high = math.inf if leaf.high is None else leaf.high
+            in_bounds = math.isfinite(value) and low <= value <= high
+            require(in_bounds, leaf.name, value, f'expected a number from {low:g} to {high:g}')
+
+
+def flatten(config: Any, prefix: str = '') -> dict[str, Any]:
+    """Dotted names and values of a config object, for files, messages and results."""
+    values: dict[str, Any] = {}
+    for item in dataclasses.fields(config):
+        value = getattr(config, item.name)
+        if dataclasses.is_dataclass(value):
+            values.update(flatten(value, f'{prefix}{item.name}.'))
+        else:
+            values[f'{prefix}{item.name}'] = value
+    return values
+
+
+def build(cls: type[T], values: Mapping[str, Any], *, ignore_unknown: bool = False) -> T:
+    """Make a config object from dotted names; what is not named keeps its default.
+
+    Raises ConfigError for an unknown name (listing the known ones) and for a refused value.
+    """
+    known = {leaf.name for leaf in settings_of(cls)}
+    unknown = sorted(set(values) - known)
+    if unknown and not ignore_unknown:
+        raise ConfigError(f'unknown setting {unknown[0]!r}: one of {", ".join(sorted(known))}')
+    return _build(cls, values, '')
+
+
+def _build(cls: type[T], values: Mapping[str, Any], prefix: str) -> T:
+    hints = get_type_hints(cls)
+    arguments: dict[str, Any] = {}
+    for item in dataclasses.fields(cls):  # type: ignore[arg-type]
+        name = f'{prefix}{item.name}'
+        if dataclasses.is_dataclass(hints[item.name]):
+            arguments[item.name] = _build(hints[item.name], values, f'{name}.')
+        elif name in values:
+            arguments[item.name] = values[name]
+    return cls(**arguments)
+
+
+def read_parameter_file(path: Path) -> dict[str, Any]:
+    """Dotted parameters of a ROS parameter file (`/**: ros__parameters: ...`) or a plain YAML.
+
+    Raises ConfigError when the file is missing or not such a mapping.
+    """
+    try:
+        content = yaml.safe_load(path.read_text(encoding='utf-8'))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        reason = ' '.join(str(error).split())
+        raise ConfigError(f'{path}: expected a readable YAML parameter file ({reason})') from error
+    if isinstance(content, dict):
+        for node_values in content.values():
+            if isinstance(node_values, dict) and 'ros__parameters' in node_values:
+                content = node_values['ros__parameters']
+                break
+    if not isinstance(content, dict):
+        raise ConfigError(f'{path}: expected a mapping of parameter names to values')
+    return _dotted(content, '')
+
+
+def _dotted(tree: Mapping[str, Any], prefix: str) -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for key, value in tree.items():
+        if isinstance(value, dict):
+            flat.update(_dotted(value, f'{prefix}{key}.'))
+        else:
+            flat[f'{prefix}{key}'] = value
+    return flat
+
+
+@dataclass(frozen=True)
+class StepModelConfig:
+    """The step inverse sensor model ([gibbs] section II; values of Haehnel)."""
+
+    l_free: float = setting(
+        -1.3863, 'log-odds added to a cell a beam went through', low=-20.0, high=0.0
+    )
+    l_occ: float = setting(1.3863, 'log-odds added to the cell a beam ended in', low=0.0, high=20.0)
+
+
+@dataclass(frozen=True)
+class MapperConfig:
+    """How scans become a grid; the same for the node, `map`, `bench` and plain Python."""
+
+    method: str = setting('two_assumption', 'mapping method', choices=('two_assumption',))
+    fusion: str = setting(
+        'per_scan',
+        'per_scan: each cell once per scan, a hit beats a miss; per_beam: every beam counts',
+        choices=('per_scan', 'per_beam'),
+    )
+    resolution: float = setting(0.05, 'side of a cell, m', low=0.001, high=10.0)
+    prior: float = setting(
+        0.5, 'probability that a cell is occupied before any beam', low=1e-6, high=1.0 - 1e-6
+    )
+    log_odds_limit: float = setting(
+        100.0,
+        'log-odds are kept within plus and minus this; 3.5 lets a map follow moving things',
+        low=0.1,
+        high=1000.0,
+    )
+    max_range: float = setting(
+        0.0,
+        'beams are used up to this range, m; longer ones clear up to it; 0: the sensor\'s own',
+        low=0.0,
+        high=10000.0,
+    )
+    max_cells: int = setting(
+        100_000_000, 'the map never grows beyond this many cells', low=4096, high=4_000_000_000
+    )
+    step: StepModelConfig = StepModelConfig()
+
+    def __post_init__(self) -> None:
+        """Refuse what is out of bounds."""
+        check_bounds(self)
+
+
+@dataclass(frozen=True)
+class OutputConfig:
+    """How probabilities become an OccupancyGrid or a map file."""
+
+    output: str = setting(
+        'probability',
+        'probability: 0..100 in every measured cell; trinary: 0, 100 or unknown',
+        choices=('probability', 'trinary'),
+    )
+    occupied_thresh: float = setting(
+        0.65, 'occupied from this probability on (trinary, map files)', low=0.0, high=1.0
+    )
+    free_thresh: float = setting(
+        0.196, 'free up to this probability (trinary, map files)', low=0.0, high=1.0
+    )
+
+    def __post_init__(self) -> None:
+        """Refuse what is out of bounds or contradicts itself."""
+        check_bounds(self)
+        require(
+            self.free_thresh < self.occupied_thresh,
+            'free_thresh',
+            self.free_thresh,
+            f'must be below occupied_thresh ({self.occupied_thresh})',
+        )

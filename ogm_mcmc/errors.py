@@ -1,0 +1,60 @@
+"""What can go wrong, as exceptions whose message is the one line a user needs.
+
+Every message names the thing, the offending value and what was expected. The library raises;
+`ogm_mcmc.cli` prints and exits with 2; `ogm_mcmc.ros` warns, throttled, and counts.
+"""
+
+__all__ = [
+    'BagError',
+    'ConfigError',
+    'GridError',
+    'LogError',
+    'MapFileError',
+    'OgmError',
+    'OutputError',
+    'PoseError',
+    'ScanError',
+    'require',
+]
+
+
+class OgmError(Exception):
+    """Base of every error this package raises on purpose."""
+
+
+class ConfigError(OgmError, ValueError):
+    """A setting is outside what it may be."""
+
+
+class GridError(OgmError, ValueError):
+    """A grid does not fit: another lattice, or larger than allowed."""
+
+
+class ScanError(OgmError, ValueError):
+    """A laser scan that contradicts itself."""
+
+
+class PoseError(OgmError, ValueError):
+    """A pose or belief over poses that cannot be used."""
+
+
+class BagError(OgmError, ValueError):
+    """A bag that cannot be read, or that lacks what is needed."""
+
+
+class LogError(OgmError, ValueError):
+    """A CARMEN or GMapping log that cannot be read."""
+
+
+class MapFileError(OgmError, ValueError):
+    """A map file that cannot be read."""
+
+
+class OutputError(OgmError, OSError):
+    """A place that cannot be written to."""
+
+
+def require(condition: bool, name: str, value: object, expectation: str) -> None:
+    """Raise `ConfigError` '<name> is <value>: <expectation>' unless the condition holds."""
+    if not condition:
+        raise ConfigError(f'{name} is {value!r}: {expectation}')

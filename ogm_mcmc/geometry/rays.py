@@ -1,0 +1,86 @@
+"""Scan + pose of the sensor -> rays on the lattice."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from ogm_mcmc.arrays import Float64Array, UInt8Array
+from ogm_mcmc.errors import GridError
+from ogm_mcmc.geometry.grid_spec import CellBox, GridSpec
+from ogm_mcmc.geometry.pose import Pose2D
+from ogm_mcmc.geometry.scan import Scan
+from ogm_mcmc.geometry.traversal_kernels import beam_ends
+
+__all__ = ['Rays', 'cast_rays']
+
+# The fixed-point traversal keeps 19 bits for whole cells, and a sensor must be near enough to
+# the anchor that the fraction inside its cell is known.
+MAX_RAY_CELLS = 2**18
+MAX_LATTICE_CELLS = 2**40
+
+
+class Rays(NamedTuple):
+    """N segments from one sensor, in cells relative to the corner of the sensor's cell.
+
+    `column`, `row`: that cell in lattice coordinates; `x`, `y` in [0, 1): the sensor in it;
+    `ends` (2, >= N) float64: end points; `hit` (>= N,) uint8: 1 where the ray ended at something;
+    `count` N; `box`: all cells any ray touches, in lattice coordinates.
+    """
+
+    column: int
+    row: int
+    x: float
+    y: float
+    ends: Float64Array
+    hit: UInt8Array
+    count: int
+    box: CellBox
+
+
+def cast_rays(
+    scan: Scan,
+    sensor: Pose2D,
+    spec: GridSpec,
+    *,
+    max_range_m: float = 0.0,
+    upside_down: bool = False,
+) -> Rays:
+    """Place a scan; readings that say nothing (REP 117) make no ray.
+
+    `max_range_m` above 0 limits how far beams are used: longer readings clear up to it.
+    Raises GridError when a ray is longer than 2**18 cells or the sensor absurdly far away.
+    """
+    reach = min(scan.range_max_m, max_range_m) if max_range_m > 0.0 else scan.range_max_m
+    cells_per_m = 1.0 / spec.resolution_m
+    sensor_x = (sensor.x_m - spec.anchor_x_m) * cells_per_m
+    sensor_y = (sensor.y_m - spec.anchor_y_m) * cells_per_m
+    if reach * cells_per_m >= MAX_RAY_CELLS:
+        raise GridError(
+            f'range {reach:g} m is {reach * cells_per_m:.3g} cells of {spec.resolution_m:g} m: '
+            f'expected fewer than {MAX_RAY_CELLS}; set max_range'
+        )
+    if abs(sensor_x) >= MAX_LATTICE_CELLS or abs(sensor_y) >= MAX_LATTICE_CELLS:
+        raise GridError(f'pose ({sensor.x_m:g}, {sensor.y_m:g}): too far from the map to place')
+    column, row = math.floor(sensor_x), math.floor(sensor_y)
+    x, y = sensor_x - column, sensor_y - row
+    ends = np.empty((2, scan.ranges_m.size))
+    hit = np.empty(scan.ranges_m.size, np.uint8)
+    count, left, bottom, right, top = beam_ends(
+        scan.ranges_m,
+        scan.directions(upside_down),
+        math.cos(sensor.yaw_rad),
+        math.sin(sensor.yaw_rad),
+        x,
+        y,
+        cells_per_m,
+        scan.range_min_m,
+        scan.range_max_m,
+        reach,
+        ends,
+        hit,
+    )
+    box = CellBox(column + left, row + bottom, column + right + 1, row + top + 1)
+    return Rays(column, row, x, y, ends, hit, count, box)

@@ -1,0 +1,114 @@
+"""One laser scan."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from ogm_mcmc.arrays import AnyArray, Float32Array, Float64Array
+from ogm_mcmc.errors import ScanError
+
+__all__ = ['Scan', 'beam_directions']
+
+
+@lru_cache(maxsize=32)
+def beam_directions(
+    angle_min_rad: float, angle_increment_rad: float, count: int, upside_down: bool
+) -> Float64Array:
+    """Unit vectors (2, B) of the beams in the sensor's upright frame: row 0 x, row 1 y.
+
+    A lidar sends the same angles with every scan, so they are computed once. Do not modify.
+    """
+    bearings = angle_min_rad + angle_increment_rad * np.arange(count)
+    if upside_down:
+        bearings = -bearings
+    return np.stack((np.cos(bearings), np.sin(bearings)))
+
+
+@dataclass(frozen=True, slots=True)
+class Scan:
+    """Ranges of one sweep, as REP 117 has them; nothing is clamped.
+
+    `ranges_m` (B,) float32: +inf, nothing hit up to `range_max_m`; -inf and nan, no information;
+    outside [range_min_m, range_max_m], no information. Beam i points at
+    `angle_min_rad + i * angle_increment_rad`, counter-clockwise seen from above the sensor.
+    """
+
+    ranges_m: Float32Array
+    angle_min_rad: float
+    angle_increment_rad: float
+    range_min_m: float
+    range_max_m: float
+    stamp_ns: int = 0
+    frame_id: str = ''
+
+    @classmethod
+    def checked(
+        cls,
+        ranges_m: AnyArray,
+        *,
+        angle_min_rad: float,
+        angle_increment_rad: float,
+        range_min_m: float,
+        range_max_m: float,
+        angle_max_rad: float | None = None,
+        stamp_ns: int = 0,
+        frame_id: str = '',
+    ) -> Scan:
+        """Validate what came from outside; raises ScanError with the reason.
+
+        With `angle_max_rad` the number of ranges must agree with the angles to within one beam
+        (drivers differ in whether the last angle is included).
+        """
+        ranges = np.ascontiguousarray(ranges_m, dtype=np.float32)
+        count = ranges.size
+        if ranges.ndim != 1 or count == 0:
+            raise ScanError(f'ranges: expected at least one beam, got {count}')
+        if not (math.isfinite(angle_min_rad) and math.isfinite(angle_increment_rad)):
+            raise ScanError(
+                f'angle_min {angle_min_rad}, angle_increment {angle_increment_rad}: '
+                'expected finite numbers'
+            )
+        if count > 1 and angle_increment_rad == 0.0:
+            raise ScanError(f'angle_increment is 0 with {count} ranges: expected another value')
+        if not 0.0 <= range_min_m < range_max_m < math.inf:
+            raise ScanError(
+                f'range_min {range_min_m}, range_max {range_max_m}: '
+                'expected 0 <= range_min < range_max, both finite'
+            )
+        if angle_max_rad is not None and count > 1:
+            _check_angles(count, angle_min_rad, angle_max_rad, angle_increment_rad)
+        return cls(
+            ranges,
+            float(angle_min_rad),
+            float(angle_increment_rad),
+            float(range_min_m),
+            float(range_max_m),
+            stamp_ns,
+            frame_id,
+        )
+
+    def directions(self, upside_down: bool = False) -> Float64Array:
+        """Unit vectors (2, B) of the beams."""
+        return beam_directions(
+            self.angle_min_rad, self.angle_increment_rad, self.ranges_m.size, upside_down
+        )
+
+
+def _check_angles(count: int, angle_min: float, angle_max: float, increment: float) -> None:
+    if not math.isfinite(angle_max):
+        raise ScanError(f'angle_max is {angle_max}: expected a finite number')
+    steps = (angle_max - angle_min) / increment
+    if steps < 0.0:
+        raise ScanError(
+            f'angle_increment {increment:.6g} has the wrong sign '
+            f'for angles from {angle_min:.6g} to {angle_max:.6g}'
+        )
+    if abs(count - (steps + 1.0)) > 1.5:
+        raise ScanError(
+            f'ranges: {count} of them, but angles from {angle_min:.6g} to {angle_max:.6g} '
+            f'in steps of {increment:.6g} make {steps + 1.0:.0f}'
+        )

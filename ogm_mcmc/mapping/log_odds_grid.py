@@ -1,0 +1,86 @@
+"""A dense log-odds array that grows with the map."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ogm_mcmc.arrays import Float32Array
+from ogm_mcmc.errors import GridError
+from ogm_mcmc.geometry import CellBox, GridSpec
+
+__all__ = ['LogOddsGrid']
+
+# Columns grow in whole words of the bit sets, rows likewise for symmetry.
+BLOCK = 64
+
+
+class LogOddsGrid:
+    """Log-odds (height, width) float32, nan where nothing was ever measured.
+
+    The window starts as one block and grows by whole blocks, with an eighth of its size to
+    spare, so that copying stays a small part of the work; cells never move on the lattice.
+    """
+
+    def __init__(self, resolution_m: float, max_cells: int) -> None:
+        self.max_cells = max_cells
+        self._placed = False
+        self._allocate(GridSpec(resolution_m, BLOCK, BLOCK))
+
+    def _allocate(self, spec: GridSpec) -> None:
+        words = spec.height * spec.width // 64
+        self.spec = spec
+        self._box = spec.box
+        self.log_odds: Float32Array = np.full((spec.height, spec.width), np.nan, np.float32)
+        self.free_bits = np.zeros(words, np.uint64)
+        self.hit_bits = np.zeros(words, np.uint64)
+
+    def clear(self) -> None:
+        """Forget everything, the extent included."""
+        self._placed = False
+        self._allocate(GridSpec(self.spec.resolution_m, BLOCK, BLOCK))
+
+    def cover(self, box: CellBox) -> None:
+        """Grow until every cell of a lattice box lies inside.
+
+        Raises GridError, with nothing changed, when that takes more than `max_cells`.
+        """
+        if self._placed and self._box.covers(box):
+            return
+        tight = roomy = _whole_blocks(box)
+        if self._placed:
+            old = self._box
+            wanted = old.union(box)
+            columns, rows = wanted.column1 - wanted.column0, wanted.row1 - wanted.row0
+            tight = _whole_blocks(wanted)
+            roomy = _whole_blocks(
+                CellBox(
+                    wanted.column0 - (columns // 8 if wanted.column0 < old.column0 else 0),
+                    wanted.row0 - (rows // 8 if wanted.row0 < old.row0 else 0),
+                    wanted.column1 + (columns // 8 if wanted.column1 > old.column1 else 0),
+                    wanted.row1 + (rows // 8 if wanted.row1 > old.row1 else 0),
+                )
+            )
+        target = roomy if _cells(roomy) <= self.max_cells else tight
+        if _cells(target) > self.max_cells:
+            raise GridError(
+                f'map would grow to {tight.column1 - tight.column0} x {tight.row1 - tight.row0} '
+                f'cells: expected at most max_cells = {self.max_cells}'
+            )
+        before, kept = self.log_odds, self._box
+        self._allocate(self.spec.windowed(target))
+        if self._placed:
+            self.log_odds[self.spec.slices(kept)] = before
+        self._placed = True
+
+
+def _whole_blocks(box: CellBox) -> CellBox:
+    return CellBox(
+        box.column0 // BLOCK * BLOCK,
+        box.row0 // BLOCK * BLOCK,
+        -(-box.column1 // BLOCK) * BLOCK,
+        -(-box.row1 // BLOCK) * BLOCK,
+    )
+
+
+def _cells(box: CellBox) -> int:
+    return (box.column1 - box.column0) * (box.row1 - box.row0)

@@ -1,0 +1,59 @@
+"""Package metadata; the one place that names what has to be installed."""
+
+from glob import glob
+
+from setuptools import find_packages, setup
+
+PACKAGE = 'ogm_mcmc'
+
+setup(
+    name=PACKAGE,
+    version='0.1.0',
+    packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
+    package_data={PACKAGE: ['py.typed']},
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
+        (f'share/{PACKAGE}', ['package.xml']),
+        (f'share/{PACKAGE}/config', glob('config/*.yaml')),
+        (f'share/{PACKAGE}/launch', glob('config/launch/*.launch.py')),
+    ],
+    python_requires='>=3.11',
+    install_requires=[
+        'setuptools',
+        'numpy>=1.26',
+        'numba>=0.60',
+        'rosbags>=0.11',
+        'PyYAML>=6.0',
+        'Pillow>=10.0',
+        'tqdm>=4.64',
+    ],
+    extras_require={
+        # ROS 2 Jazzy from PyPI; leave it out where a system ROS 2 provides rclpy.
+        'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
+        'test': [
+            'pytest>=7.4',
+            'hypothesis>=6.90',
+            'ruff>=0.9',
+            'mypy>=1.10',
+            'import-linter>=2.0',
+            'types-PyYAML',
+            'types-tqdm',
+            'setuptools<80',
+            'wheel',
+            'colcon-common-extensions',
+            'colcon-ros',
+        ],
+    },
+    zip_safe=False,
+    maintainer='ogm_mcmc maintainers',
+    maintainer_email='maintainers@ogm-mcmc.org',
+    description='Occupancy grid mapping with probabilities that can be believed.',
+    license='Apache-2.0',
+    entry_points={
+        'console_scripts': [
+            'ogm_mcmc = ogm_mcmc.cli.main:main',
+            'online_mapper = ogm_mcmc.ros.online_mapper:main',
+            'replay = ogm_mcmc.ros.replay:main',
+        ],
+    },
+)
