@@ -163,7 +163,9 @@ class StepModelConfig:
     l_free: float = setting(
         -1.3863, 'log-odds added to a cell a beam went through', low=-20.0, high=0.0
     )
-    l_occ: float = setting(1.3863, 'log-odds added to the cell a beam ended in', low=0.0, high=20.0)
+    l_occ: float = setting(
+        1.3863, 'log-odds added to the cell a beam ended in', low=0.0, high=20.0
+    )
 
 
 @dataclass(frozen=True)
@@ -188,9 +190,15 @@ class MapperConfig:
     )
     max_range: float = setting(
         0.0,
-        'beams are used up to this range, m; longer ones clear up to it; 0: the sensor\'s own',
+        "beams are used up to this range, m; longer ones clear up to it; 0: the sensor's own",
         low=0.0,
         high=10000.0,
+    )
+    no_return: str = setting(
+        'clear',
+        'clear: +inf clears up to range_max (REP 117); ignore: it says nothing, as is wiser '
+        'where glass and dark walls return nothing either',
+        choices=('clear', 'ignore'),
     )
     max_cells: int = setting(
         100_000_000, 'the map never grows beyond this many cells', low=4096, high=4_000_000_000

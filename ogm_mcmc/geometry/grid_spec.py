@@ -88,9 +88,7 @@ class GridSpec:
     @property
     def box(self) -> CellBox:
         """All cells of the window, in lattice coordinates."""
-        return CellBox(
-            self.column0, self.row0, self.column0 + self.width, self.row0 + self.height
-        )
+        return CellBox(self.column0, self.row0, self.column0 + self.width, self.row0 + self.height)
 
     def windowed(self, box: CellBox) -> GridSpec:
         """Return the spec of another window on the same lattice."""

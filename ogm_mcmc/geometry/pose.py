@@ -43,7 +43,9 @@ class Pose2D:
 
     def __post_init__(self) -> None:
         """Refuse what is not a place."""
-        if not (math.isfinite(self.x_m) and math.isfinite(self.y_m) and math.isfinite(self.yaw_rad)):
+        if not (
+            math.isfinite(self.x_m) and math.isfinite(self.y_m) and math.isfinite(self.yaw_rad)
+        ):
             raise PoseError(
                 f'pose ({self.x_m}, {self.y_m}, {self.yaw_rad}): expected finite numbers'
             )

@@ -46,11 +46,13 @@ def cast_rays(
     spec: GridSpec,
     *,
     max_range_m: float = 0.0,
+    no_return_clears: bool = True,
     upside_down: bool = False,
 ) -> Rays:
     """Place a scan; readings that say nothing (REP 117) make no ray.
 
     `max_range_m` above 0 limits how far beams are used: longer readings clear up to it.
+    `no_return_clears` says whether +inf does.
     Raises GridError when a ray is longer than 2**18 cells or the sensor absurdly far away.
     """
     reach = min(scan.range_max_m, max_range_m) if max_range_m > 0.0 else scan.range_max_m
@@ -79,6 +81,7 @@ def cast_rays(
         scan.range_min_m,
         scan.range_max_m,
         reach,
+        no_return_clears,
         ends,
         hit,
     )

@@ -63,7 +63,8 @@ class Scan:
         With `angle_max_rad` the number of ranges must agree with the angles to within one beam
         (drivers differ in whether the last angle is included).
         """
-        ranges = np.ascontiguousarray(ranges_m, dtype=np.float32)
+        # Always a copy: a read-only array would be another type to the kernels.
+        ranges = np.array(ranges_m, dtype=np.float32)
         count = ranges.size
         if ranges.ndim != 1 or count == 0:
             raise ScanError(f'ranges: expected at least one beam, got {count}')

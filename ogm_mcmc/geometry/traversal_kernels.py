@@ -126,20 +126,33 @@ def trace_ray(column, row, x0, y0, x1, y1, columns, rows):
 
 @njit(cache=True, nogil=True)
 def beam_ends(
-    ranges, directions, cosine, sine, x, y, cells_per_m, range_min, range_max, reach, ends, hit
+    ranges,
+    directions,
+    cosine,
+    sine,
+    x,
+    y,
+    cells_per_m,
+    range_min,
+    range_max,
+    reach,
+    no_return_clears,
+    ends,
+    hit,
 ):
     """Turn ranges into end points; return (rays kept, left, bottom, right, top cell of all).
 
     ranges      (B,) float32, m, as in `Scan`
     directions  (2, B) unit vectors in the sensor frame; cosine, sine: heading of the sensor
     x, y        sensor, cells, in [0, 1); ends (2, B) and hit (B,) uint8 are filled from the front
-    reach       m; a longer reading, +inf included, clears up to here and hits nothing
+    reach       m; a longer reading clears up to here and hits nothing; so does +inf, or it says
+                nothing unless `no_return_clears`
     """
     count = 0
     left = right = bottom = top = 0.0
     for beam in range(ranges.size):
         reading = np.float64(ranges[beam])
-        if reading == math.inf:
+        if reading == math.inf and no_return_clears:
             length = reach
         elif reading > 0.0 and range_min <= reading <= range_max:
             length = min(reading, reach)

@@ -47,6 +47,7 @@ class TwoAssumptionMapper:
             belief.mean,
             grid.spec,
             max_range_m=self.config.max_range,
+            no_return_clears=self.config.no_return == 'clear',
             upside_down=upside_down,
         )
         if rays.count == 0:

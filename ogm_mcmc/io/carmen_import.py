@@ -1,0 +1,281 @@
+"""CARMEN or GMapping log -> rosbag2 with `scan`, `pose`, `particles` and `odom`.
+
+Topics carry the pose of the laser itself, so that no mount has to be known: `scan` with `pose`
+for the first laser of the log, `scan_NAME` with `pose_NAME` for further ones.
+"""
+
+from __future__ import annotations
+
+import bisect
+import itertools
+import math
+from collections import Counter
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ogm_mcmc.arrays import Float32Array, Float64Array
+from ogm_mcmc.errors import ConfigError, LogError
+from ogm_mcmc.geometry import Pose2D, PoseSamples
+from ogm_mcmc.io import ros_types
+from ogm_mcmc.io.bags import BagWriter
+from ogm_mcmc.io.carmen import CarmenLog, LogOdometry, LogScan, read_carmen
+
+__all__ = ['ImportOptions', 'ImportSummary', 'import_carmen', 'strictly_increasing', 'systematic']
+
+NS_PER_S = 1_000_000_000
+
+# Readings of a SICK LMS from here on are codes, not distances (centimetre and millimetre mode).
+CODES_FROM_M = {81.8: 80.0, 8.18: 8.0}
+
+
+@dataclass(frozen=True)
+class ImportOptions:
+    """Choices of `import-carmen`; 0 stands for "as the log has it"."""
+
+    range_max_m: float = 0.0
+    particles: int = 0
+    repeat_step_s: float = 0.1
+    time_offset_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse what makes no sense."""
+        if self.range_max_m < 0.0 or self.repeat_step_s <= 0.0 or self.particles < 0:
+            raise ConfigError('expected range_max >= 0, particles >= 0 and a positive repeat_step')
+
+
+@dataclass
+class ImportSummary:
+    """The truth about what was read and what was mended."""
+
+    source: str
+    bag: str
+    scans: dict[str, int] = field(default_factory=dict)
+    beams: list[int] = field(default_factory=list)
+    angle_increment_deg: list[float] = field(default_factory=list)
+    range_max_m: float = 0.0
+    readings: int = 0
+    no_return: int = 0
+    no_return_codes_m: dict[str, int] = field(default_factory=dict)
+    odometry: int = 0
+    odometry_echoes: int = 0
+    odometry_to_pose_median_m: float | None = None
+    particles_per_scan: int = 0
+    out_of_order: dict[str, int] = field(default_factory=dict)
+    repeated_stamps: int = 0
+    largest_shift_s: float = 0.0
+    left_alone: dict[str, int] = field(default_factory=dict)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON."""
+        return asdict(self)
+
+
+def systematic(samples: PoseSamples, count: int, offset: float = 0.5) -> Float64Array:
+    """Resample to `count` equally weighted poses (count, 3).
+
+    Low-variance sampling with one offset in [0, 1): a particle of weight w appears floor or
+    ceil of count * w times. 0.5, the middle, keeps it free of chance.
+    """
+    positions = (np.arange(count) + offset) / count
+    edges = np.cumsum(samples.weights)
+    edges[-1] = 1.0
+    chosen: Float64Array = samples.poses[np.searchsorted(edges, positions, side='right')]
+    return chosen
+
+
+def strictly_increasing(
+    times_s: list[float], kinds: list[str], step_s: float
+) -> tuple[list[int], list[int], int]:
+    """Order records by time and give each a stamp; return (order, stamps ns, repeats mended).
+
+    Records that share a stamp keep the order of the file, and two kinds may share one. Of kinds
+    that have a stamp twice, the records of that stamp are spread evenly, in that order, before
+    the next stamp and at most `step_s` apart.
+    """
+    stamps = [round(time * NS_PER_S) for time in times_s]
+    order = sorted(range(len(stamps)), key=stamps.__getitem__)
+    spread: dict[int, int] = {}
+    repeats = 0
+    for stamp, group in itertools.groupby(order, key=stamps.__getitem__):
+        same = list(group)
+        count = Counter(kinds[index] for index in same)
+        repeated = [index for index in same if count[kinds[index]] > 1]
+        if repeated:
+            repeats += len(repeated) - len({kinds[index] for index in repeated})
+            following = bisect.bisect_right(order, stamp, key=stamps.__getitem__)
+            gap = round(step_s * NS_PER_S)
+            if following < len(order):
+                gap = max(1, min(gap, (stamps[order[following]] - stamp) // len(repeated)))
+            spread.update({index: stamp + k * gap for k, index in enumerate(repeated)})
+    order.sort(key=lambda index: spread.get(index, stamps[index]))
+    mended: list[int] = []
+    last_of_kind: dict[str, int] = {}
+    for index in order:
+        # Stamps closer together than the spread needs (nanoseconds) are pushed on.
+        stamp = max(spread.get(index, stamps[index]), last_of_kind.get(kinds[index], -1) + 1)
+        last_of_kind[kinds[index]] = stamp
+        mended.append(stamp)
+    return order, mended, repeats
+
+
+def import_carmen(
+    log_path: Path, bag_path: Path, options: ImportOptions, *, overwrite: bool = False
+) -> ImportSummary:
+    """Convert a log. Raises LogError, OutputError or ConfigError; leaves no half-written bag."""
+    log = read_carmen(log_path)
+    summary = ImportSummary(str(log_path), str(bag_path), left_alone=dict(log.left_alone))
+    summary.odometry_echoes = log.echoes
+    threshold, range_max = _ranges_of(log, options)
+    summary.range_max_m = range_max
+    order, stamps = _stamp(log, options, summary)
+    names = _topic_names(log)
+    with BagWriter(bag_path, overwrite=overwrite) as bag:
+        for index, stamp_ns in zip(order, stamps, strict=True):
+            record = log.records[index]
+            if isinstance(record, LogOdometry):
+                message = ros_types.odometry(
+                    stamp_ns, record.pose, record.speed_m_s, record.turn_rad_s
+                )
+                bag.write('/odom', ros_types.ODOMETRY, stamp_ns, message)
+                summary.odometry += 1
+            else:
+                ranges = _ros_ranges(record, threshold, range_max, summary)
+                _write_scan(bag, record, ranges, stamp_ns, names, range_max, options, summary)
+        bag.note('source', str(log_path.name))
+        bag.note('no_return_readings', str(summary.no_return))
+    summary.beams = sorted({scan.ranges_m.size for scan in log.scans})
+    summary.angle_increment_deg = sorted(
+        {round(math.degrees(scan.increment_rad), 6) for scan in log.scans}
+    )
+    summary.odometry_to_pose_median_m = _odometry_agreement(log, order)
+    return summary
+
+
+def _topic_names(log: CarmenLog) -> dict[str, str]:
+    lasers = list(dict.fromkeys(scan.laser for scan in log.scans))
+    return {laser: '' if k == 0 else f'_{laser}' for k, laser in enumerate(lasers)}
+
+
+def _ranges_of(log: CarmenLog, options: ImportOptions) -> tuple[float, float]:
+    """Return (readings from here on mean "no return", range_max of the scans)."""
+    readings = np.concatenate([scan.ranges_m for scan in log.scans])
+    readings = readings[np.isfinite(readings)]
+    named = max(scan.max_range_m for scan in log.scans)
+    if named > 0.0:
+        threshold, range_max = named, named
+    else:
+        largest = float(readings.max(initial=0.0))
+        # A SICK that counts millimetres tops out at 8.191 m.
+        threshold = 8.18 if 8.18 <= largest < 8.2 else 81.8
+        valid = readings[readings < threshold]
+        range_max = max(CODES_FROM_M[threshold], float(valid.max(initial=0.0)))
+    if options.range_max_m > 0.0:
+        range_max = options.range_max_m
+    return threshold, range_max
+
+
+def _stamp(
+    log: CarmenLog, options: ImportOptions, summary: ImportSummary
+) -> tuple[list[int], list[int]]:
+    times = [record.time_s + options.time_offset_s for record in log.records]
+    if min(times) < 0.0:
+        raise LogError(f'{log.path}: a time is {min(times):g} s: expected none below 0')
+    kinds = [
+        'odometry' if isinstance(record, LogOdometry) else record.laser for record in log.records
+    ]
+    for kind in dict.fromkeys(kinds):
+        own = [time for time, other in zip(times, kinds, strict=True) if other == kind]
+        late = sum(1 for before, after in itertools.pairwise(own) if after < before)
+        if late:
+            summary.out_of_order[kind] = late
+    order, stamps, summary.repeated_stamps = strictly_increasing(
+        times, kinds, options.repeat_step_s
+    )
+    summary.largest_shift_s = max(
+        abs(stamp / NS_PER_S - times[index]) for index, stamp in zip(order, stamps, strict=True)
+    )
+    return order, stamps
+
+
+def _ros_ranges(
+    scan: LogScan, threshold: float, range_max: float, summary: ImportSummary
+) -> Float32Array:
+    """REP 117: no return becomes inf; a valid reading beyond a chosen range_max stays as it is."""
+    ranges = scan.ranges_m.astype(np.float32)
+    missing = scan.ranges_m >= threshold
+    ranges[missing] = np.inf
+    summary.readings += ranges.size
+    summary.no_return += int(missing.sum())
+    codes, counts = np.unique(scan.ranges_m[missing], return_counts=True)
+    for code, count in zip(codes, counts, strict=True):
+        key = f'{code:g}'
+        summary.no_return_codes_m[key] = summary.no_return_codes_m.get(key, 0) + int(count)
+    return ranges
+
+
+def _write_scan(
+    bag: BagWriter,
+    scan: LogScan,
+    ranges: Float32Array,
+    stamp_ns: int,
+    names: dict[str, str],
+    range_max: float,
+    options: ImportOptions,
+    summary: ImportSummary,
+) -> None:
+    suffix = names[scan.laser]
+    frame = f'laser{suffix}'
+    belief = scan.particles
+    mean: Pose2D = scan.laser_pose if belief is None else belief.mean()
+    covariance = np.zeros((3, 3)) if belief is None else belief.covariance()
+    # The pose goes first: whoever reads in order has it when the scan comes.
+    bag.write(
+        f'/pose{suffix}',
+        ros_types.POSE,
+        stamp_ns,
+        ros_types.pose_with_covariance(stamp_ns, 'map', mean, covariance),
+    )
+    if belief is not None:
+        count = options.particles or belief.weights.size
+        summary.particles_per_scan = count
+        bag.write(
+            f'/particles{suffix}',
+            ros_types.PARTICLES,
+            stamp_ns,
+            ros_types.pose_array(stamp_ns, 'map', systematic(belief, count)),
+        )
+    bag.write(
+        f'/scan{suffix}',
+        ros_types.SCAN,
+        stamp_ns,
+        ros_types.laser_scan(
+            stamp_ns,
+            frame,
+            ranges,
+            angle_min=scan.start_angle_rad,
+            angle_increment=scan.increment_rad,
+            range_max=range_max,
+        ),
+    )
+    topic = f'scan{suffix}'
+    summary.scans[topic] = summary.scans.get(topic, 0) + 1
+
+
+def _odometry_agreement(log: CarmenLog, order: list[int]) -> float | None:
+    """Median distance from each scan's pose to the ODOM line before it: is ODOM raw or corrected?
+
+    Odometry that was corrected together with the scans stays within centimetres of them.
+    """
+    last: LogOdometry | None = None
+    distances = []
+    for index in order:
+        record = log.records[index]
+        if isinstance(record, LogOdometry):
+            last = record
+        elif last is not None:
+            pose = record.laser_pose if record.particles is None else record.particles.mean()
+            distances.append(math.hypot(pose.x_m - last.pose.x_m, pose.y_m - last.pose.y_m))
+    return float(np.median(distances)) if distances else None

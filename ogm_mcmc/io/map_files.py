@@ -1,0 +1,186 @@
+"""Map files exactly as nav2_map_server reads and writes them, and PNG and NPZ beside.
+
+The image's top row is the map's highest y. In `trinary` a pixel is 0 (occupied), 205 (unknown)
+or 254 (free). The reader's probability of a pixel is (255 - x) / 255, so 205 reads as 0.196078:
+with the widespread `free_thresh` 0.25 every unknown cell would come back as free. We write 0.196,
+and refuse to save with a threshold that would lose the unknown cells.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from PIL import Image
+
+from ogm_mcmc.arrays import UInt8Array
+from ogm_mcmc.config import OutputConfig
+from ogm_mcmc.errors import ConfigError, MapFileError, OutputError
+from ogm_mcmc.geometry import GridMap, GridSpec
+from ogm_mcmc.geometry.grid_map import trinary_values
+
+__all__ = ['load_map', 'replacing', 'save_map', 'save_npz', 'trinary_pixels', 'writable_folder']
+
+OCCUPIED, UNKNOWN, FREE = 0, 205, 254
+UNKNOWN_READS_AS = (255 - UNKNOWN) / 255.0
+
+
+@contextlib.contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """Yield a temporary path beside `path` that takes its place when all went well.
+
+    Raises OutputError when the place cannot be written to; nothing half-written is left.
+    """
+    try:
+        handle, name = tempfile.mkstemp(
+            dir=path.parent, prefix=f'.{path.stem}-', suffix=path.suffix
+        )
+        os.close(handle)
+    except OSError as error:
+        raise OutputError(f'{path}: cannot be written ({error.strerror})') from error
+    temporary = Path(name)
+    try:
+        yield temporary
+        umask = os.umask(0)
+        os.umask(umask)
+        temporary.chmod(0o666 & ~umask)
+        temporary.replace(path)
+    except OSError as error:
+        raise OutputError(f'{path}: cannot be written ({error.strerror or error})') from error
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def writable_folder(path: Path) -> Path:
+    """Make a folder, parents included, and check that files can be made in it.
+
+    Raises OutputError otherwise; call it before long work, so that none is lost.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=path):
+            pass
+    except OSError as error:
+        raise OutputError(f'{path}: expected a writable folder ({error.strerror})') from error
+    return path
+
+
+def trinary_pixels(grid_map: GridMap, output: OutputConfig) -> UInt8Array:
+    """Pixels of the map image (height, width), top row highest y."""
+    if output.free_thresh >= UNKNOWN_READS_AS:
+        raise ConfigError(
+            f'free_thresh is {output.free_thresh}: expected below {UNKNOWN_READS_AS:.6f}, or '
+            'unknown cells (grey 205) would be read back as free'
+        )
+    if output.occupied_thresh <= UNKNOWN_READS_AS:
+        raise ConfigError(
+            f'occupied_thresh is {output.occupied_thresh}: expected above '
+            f'{UNKNOWN_READS_AS:.6f}, or unknown cells (grey 205) would be read back as occupied'
+        )
+    values = trinary_values(grid_map.probability, output.occupied_thresh, output.free_thresh)
+    pixels = np.full(values.shape, UNKNOWN, np.uint8)
+    pixels[values == 0] = FREE
+    pixels[values == 100] = OCCUPIED
+    return pixels[::-1]
+
+
+def grey_pixels(grid_map: GridMap) -> UInt8Array:
+    """Picture for people: black occupied, white free, unknown in a bluish grey; RGB."""
+    probability = grid_map.probability[::-1]
+    grey = np.rint(255.0 * (1.0 - np.nan_to_num(probability))).astype(np.uint8)
+    picture = np.repeat(grey[:, :, None], 3, axis=2)
+    picture[~np.isfinite(probability)] = (190, 198, 208)
+    return picture
+
+
+def save_map(
+    grid_map: GridMap, folder: Path, output: OutputConfig, name: str = 'map'
+) -> dict[str, Path]:
+    """Write NAME.pgm, NAME.yaml and NAME.png; return their paths.
+
+    The PGM is trinary, the PNG shows the probabilities. Raises OutputError or ConfigError.
+    """
+    pixels = trinary_pixels(grid_map, output)
+    spec = grid_map.spec
+    description = {
+        'image': f'{name}.pgm',
+        'mode': 'trinary',
+        'resolution': spec.resolution_m,
+        'origin': [spec.origin_x_m, spec.origin_y_m, 0.0],
+        'negate': 0,
+        'occupied_thresh': output.occupied_thresh,
+        'free_thresh': output.free_thresh,
+    }
+    paths = {kind: writable_folder(folder) / f'{name}.{kind}' for kind in ('pgm', 'yaml', 'png')}
+    with (
+        replacing(paths['pgm']) as pgm,
+        replacing(paths['png']) as png,
+        replacing(paths['yaml']) as yaml_file,
+    ):
+        Image.fromarray(pixels).save(pgm, format='PPM')
+        Image.fromarray(grey_pixels(grid_map)).save(png, format='PNG')
+        yaml_file.write_text(
+            yaml.safe_dump(description, sort_keys=False, default_flow_style=None),
+            encoding='utf-8',
+        )
+    return paths
+
+
+def save_npz(grid_map: GridMap, path: Path, settings: dict[str, Any]) -> Path:
+    """Write the probabilities (nan: never measured), the grid and the settings that made them."""
+    spec = grid_map.spec
+    with replacing(path) as temporary:
+        np.savez_compressed(
+            temporary,
+            probability=grid_map.probability,
+            resolution=spec.resolution_m,
+            origin=np.array([spec.origin_x_m, spec.origin_y_m, 0.0]),
+            settings=np.array(yaml.safe_dump(settings, sort_keys=False)),
+        )
+    return path
+
+
+def load_map(path: Path) -> GridMap:
+    """Read a trinary map YAML as nav2_map_server does: probability 1, 0 or nan.
+
+    Raises MapFileError with the field at fault.
+    """
+    try:
+        fields = yaml.safe_load(path.read_text(encoding='utf-8'))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise MapFileError(f'{path}: expected a readable map YAML') from error
+    needed = ('image', 'resolution', 'origin', 'negate', 'occupied_thresh', 'free_thresh')
+    if not isinstance(fields, dict) or any(key not in fields for key in needed):
+        raise MapFileError(f'{path}: expected a map YAML with {", ".join(needed)}')
+    if fields.get('mode', 'trinary') != 'trinary':
+        raise MapFileError(f'{path}: mode is {fields["mode"]!r}: expected trinary')
+    image_path = path.parent / str(fields['image'])
+    try:
+        with Image.open(image_path) as image:
+            pixels = np.asarray(image.convert('L'), np.float64)[::-1]
+    except OSError as error:
+        raise MapFileError(f'{image_path}: expected a readable image') from error
+    try:
+        origin = [float(value) for value in fields['origin']]
+        resolution = float(fields['resolution'])
+        thresholds = float(fields['free_thresh']), float(fields['occupied_thresh'])
+        spec = GridSpec(
+            resolution,
+            pixels.shape[1],
+            pixels.shape[0],
+            anchor_x_m=origin[0],
+            anchor_y_m=origin[1],
+        )
+    except (TypeError, ValueError, IndexError) as error:
+        raise MapFileError(f'{path}: {error}') from error
+    occupied = (pixels if fields['negate'] else 255.0 - pixels) / 255.0
+    probability = np.full(pixels.shape, np.nan, np.float32)
+    probability[occupied <= thresholds[0]] = 0.0
+    probability[occupied >= thresholds[1]] = 1.0
+    return GridMap(spec, probability)

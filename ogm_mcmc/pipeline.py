@@ -1,0 +1,140 @@
+"""Scan + pose -> rays -> grid -> message: the one page to read first.
+
+    LaserScan --read_scan--> Scan ---------+
+                                           +--> ScanPlacer --> (Scan, PoseBelief)
+    Pose... --read_pose--> PoseBelief -----+                        |
+                                                     + SensorMount  v
+       OccupancyGrid <--MapView-- probabilities <-- MappingMethod.update(scan, belief)
+                                                    [cast_rays, fuse]
+
+The node `online_mapper`, the commands `map` and `bench`, and the tests all run this page.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ogm_mcmc.arrays import Float32Array, Int8Array
+from ogm_mcmc.config import MapperConfig, OutputConfig
+from ogm_mcmc.geometry import CellBox, GridMap, GridSpec, PoseBelief, Scan, SensorMount
+from ogm_mcmc.geometry.grid_map import entropy_bits, occupancy_values, trinary_values
+from ogm_mcmc.mapping import make_method
+
+__all__ = ['MapView', 'MappingPipeline', 'warm_up']
+
+NOTHING = CellBox(0, 0, 0, 0)
+
+
+class MappingPipeline:
+    """Placed scans in, a map out."""
+
+    def __init__(self, config: MapperConfig) -> None:
+        self.config = config
+        self.method = make_method(config)
+        self.scans_used = 0
+        self.changed = NOTHING  # since the start or the last reset
+
+    def update(self, scan: Scan, robot: PoseBelief, mount: SensorMount | None = None) -> CellBox:
+        """Add a scan taken while the robot was believed at `robot`; return the changed cells.
+
+        Raises GridError, with nothing changed, when the map would become too large.
+        """
+        sensor, upside_down = robot, False
+        if mount is not None:
+            sensor, upside_down = robot.moved(mount.pose), mount.upside_down
+        changed = self.method.update(scan, sensor, upside_down=upside_down)
+        self.changed = self.changed.union(changed)
+        self.scans_used += 1
+        return changed
+
+    def reset(self) -> None:
+        """Forget the map."""
+        self.method.reset()
+        self.scans_used = 0
+        self.changed = NOTHING
+
+    def map(self) -> GridMap:
+        """Return the whole map, cropped to the measured cells."""
+        spec = self.method.spec
+        return GridMap(spec, self.method.probabilities(spec.box)).cropped()
+
+
+class MapView:
+    """Whole percents of a map, kept up to date by work proportional to the change.
+
+    `values` (height, width) int8 as in nav_msgs/OccupancyGrid: 0..100, -1 unknown. A subclass
+    may decide where they live (`_allocate`), so that a message needs no further copy.
+    """
+
+    def __init__(self, pipeline: MappingPipeline, output: OutputConfig, kind: str = 'map') -> None:
+        self.pipeline = pipeline
+        self.output = output
+        self.kind = kind
+        self.spec: GridSpec | None = None
+        self.values: Int8Array = np.empty((0, 0), np.int8)
+        self._stale = NOTHING
+
+    def mark(self, changed: CellBox) -> None:
+        """Note that cells changed."""
+        self._stale = self._stale.union(changed)
+
+    def restart(self) -> None:
+        """Forget what was shown (after a reset)."""
+        self.spec = None
+        self._stale = NOTHING
+
+    @property
+    def stale(self) -> bool:
+        """Whether `refresh` has anything to do."""
+        return not self._stale.empty or self.spec != self.pipeline.method.spec
+
+    def refresh(self) -> CellBox:
+        """Bring `values` up to date; return the box that was written."""
+        spec = self.pipeline.method.spec
+        box = self._stale
+        if spec != self.spec:
+            before, values = self.spec, self._allocate(spec)
+            values.fill(-1)
+            if before is None:
+                box = spec.box
+            else:
+                values[spec.slices(before.box)] = self.values
+            self.spec, self.values = spec, values
+        if not box.empty:
+            self.values[spec.slices(box)] = self._shown(self.pipeline.method.probabilities(box))
+        self._stale = NOTHING
+        return box
+
+    def _allocate(self, spec: GridSpec) -> Int8Array:
+        return np.empty((spec.height, spec.width), np.int8)
+
+    def _shown(self, probability: Float32Array) -> Int8Array:
+        if self.kind == 'entropy':
+            return occupancy_values(entropy_bits(probability).astype(np.float32))
+        if self.output.output == 'trinary':
+            return trinary_values(
+                probability, self.output.occupied_thresh, self.output.free_thresh
+            )
+        return occupancy_values(probability)
+
+
+class WarmUp(NamedTuple):
+    """What `warm_up` ran, to check that it ran."""
+
+    cells: int
+
+
+def warm_up(config: MapperConfig) -> WarmUp:
+    """Compile, or load from the cache, every kernel the configuration needs."""
+    pipeline = MappingPipeline(config)
+    scan = Scan.checked(
+        np.array([1.5, np.inf], np.float32) * config.resolution,
+        angle_min_rad=0.1,
+        angle_increment_rad=1.0,
+        range_min_m=0.0,
+        range_max_m=2.0 * config.resolution,
+    )
+    pipeline.update(scan, PoseBelief(SensorMount().pose))
+    return WarmUp(int(np.isfinite(pipeline.map().probability).sum()))

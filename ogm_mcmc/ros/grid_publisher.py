@@ -1,0 +1,95 @@
+"""Publishes a map without copying it: the message's data is the array that is kept up to date."""
+
+from __future__ import annotations
+
+import array
+from typing import Any
+
+import numpy as np
+from nav_msgs.msg import OccupancyGrid
+from rclpy.node import Node
+
+from ogm_mcmc.arrays import Int8Array
+from ogm_mcmc.config import OutputConfig
+from ogm_mcmc.geometry import CellBox, GridSpec
+from ogm_mcmc.io.messages import fill_grid_header, fill_grid_update
+from ogm_mcmc.pipeline import MappingPipeline, MapView
+from ogm_mcmc.ros.qos import LATCHED
+
+__all__ = ['GridPublisher']
+
+
+class _MessageView(MapView):
+    """A view whose values live inside an OccupancyGrid."""
+
+    message: OccupancyGrid
+
+    def _allocate(self, spec: GridSpec) -> Int8Array:
+        self.message = OccupancyGrid()
+        data = array.array('b', bytes(spec.width * spec.height))
+        self.message.data = data
+        values: Int8Array = np.frombuffer(data, np.int8).reshape(spec.height, spec.width)
+        return values
+
+
+class GridPublisher:
+    """One latched OccupancyGrid topic, and TOPIC_updates beside it where map_msgs is installed.
+
+    Work per publication is proportional to what changed, apart from DDS copying the message.
+    """
+
+    def __init__(
+        self, node: Node, topic: str, pipeline: MappingPipeline, output: OutputConfig, kind: str
+    ) -> None:
+        self.view = _MessageView(pipeline, output, kind)
+        self.publisher = node.create_publisher(OccupancyGrid, topic, LATCHED)
+        self.update_type = _update_type()
+        self.updates = None
+        if self.update_type is not None:
+            self.updates = node.create_publisher(self.update_type, f'{topic}_updates', 10)
+        self.sent = 0
+        self.listeners_served = 0
+        self._sent_spec: GridSpec | None = None
+
+    @property
+    def listeners(self) -> int:
+        """Number of subscriptions to the whole map."""
+        return int(self.publisher.get_subscription_count())
+
+    def mark(self, changed: CellBox) -> None:
+        """Note that cells changed."""
+        self.view.mark(changed)
+
+    def publish(self, frame_id: str, stamp_ns: int) -> None:
+        """Send what changed: as an update if every listener takes those, else the whole map."""
+        box = self.view.refresh()
+        spec = self.view.spec
+        assert spec is not None
+        followers = self.updates.get_subscription_count() if self.updates is not None else 0
+        new_listener = self.listeners > self.listeners_served
+        if followers and spec == self._sent_spec and not new_listener:
+            self._publish_update(spec, box, frame_id, stamp_ns)
+            if followers >= self.listeners:
+                return
+        fill_grid_header(self.view.message, spec, frame_id, stamp_ns)
+        self.publisher.publish(self.view.message)
+        self.listeners_served = self.listeners
+        self._sent_spec = spec
+        self.sent += 1
+
+    def _publish_update(self, spec: GridSpec, box: CellBox, frame_id: str, stamp_ns: int) -> None:
+        assert self.updates is not None
+        assert self.update_type is not None
+        update = self.update_type()
+        fill_grid_update(update, spec, box, frame_id, stamp_ns)
+        changed = np.ascontiguousarray(self.view.values[spec.slices(box)])
+        update.data = array.array('b', changed.tobytes())
+        self.updates.publish(update)
+
+
+def _update_type() -> Any:
+    try:
+        from map_msgs.msg import OccupancyGridUpdate
+    except ImportError:
+        return None
+    return OccupancyGridUpdate

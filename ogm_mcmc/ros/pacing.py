@@ -1,0 +1,100 @@
+"""Back-pressure for `replay --rate 0`: go on when the subscribers have taken what was sent.
+
+DDS tells a sender when a message has arrived, not when it was looked at, and a best-effort
+reader tells nothing at all. But every node answers its parameter services from the executor
+that runs its subscriptions, and an executor takes at most one message per subscription and turn.
+So n answered requests mean at least n turns: n messages per topic were taken, if they were there.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import Counter
+
+from rcl_interfaces.srv import GetParameters
+from rclpy.client import Client
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+
+__all__ = ['Pacer']
+
+LOOK_EVERY_S = 1.0
+GIVE_UP_S = 10.0
+
+# A subscription is discovered before the name of the node it belongs to.
+UNKNOWN = '_NODE_NAME_UNKNOWN_'
+NAMES_KNOWN_AFTER_S = 3.0
+
+
+class Pacer:
+    """Keeps at most `window` messages per topic on the way to the nodes that subscribe.
+
+    To be used from another thread than the one that spins the node. Nodes without parameter
+    services (tools of the command line, say) cannot be waited for.
+    """
+
+    def __init__(self, node: Node, window: int = 4) -> None:
+        self.node = node
+        self.window = window
+        self._clients: dict[str, Client] = {}
+        self._given_up: set[str] = set()
+        self._since: Counter[str] = Counter()
+        self._looked_at = -LOOK_EVERY_S
+
+    def sent(self, publisher: Publisher, stopped: threading.Event) -> None:
+        """Count a message; wait when its topic has used up the window."""
+        self._since[publisher.topic_name] += 1
+        if self._since[publisher.topic_name] >= self.window:
+            self.wait(stopped)
+
+    def wait(self, stopped: threading.Event) -> None:
+        """Wait until the subscribers had as many turns as any topic has messages on the way."""
+        turns = max(self._since.values(), default=0)
+        self._look()
+        for _ in range(turns):
+            for name, client in list(self._clients.items()):
+                if not self._answered(client, stopped) and not stopped.is_set():
+                    self.node.get_logger().warning(f'{name} does not answer: not waiting for it')
+                    self._given_up.add(name)
+                    del self._clients[name]
+        self._since.clear()
+
+    def _look(self) -> None:
+        """Find the nodes that subscribe to what was sent."""
+        now = time.monotonic()
+        if now - self._looked_at < LOOK_EVERY_S:
+            return
+        self._looked_at = now
+        names = self._subscribers()
+        deadline = now + NAMES_KNOWN_AFTER_S
+        while any(UNKNOWN in name for name in names) and time.monotonic() < deadline:
+            time.sleep(0.02)
+            names = self._subscribers()
+        for name in names - self._clients.keys() - self._given_up:
+            client = self.node.create_client(GetParameters, f'{name}/get_parameters')
+            if client.wait_for_service(timeout_sec=0.5):
+                self._clients[name] = client
+            else:
+                self._given_up.add(name)
+                self.node.destroy_client(client)
+        for name in self._clients.keys() - names:
+            self.node.destroy_client(self._clients.pop(name))
+
+    def _subscribers(self) -> set[str]:
+        names = set()
+        for publisher in self.node.publishers:
+            for info in self.node.get_subscriptions_info_by_topic(publisher.topic_name):
+                names.add(f'{info.node_namespace.rstrip("/")}/{info.node_name}')
+        return names
+
+    def _answered(self, client: Client, stopped: threading.Event) -> bool:
+        done = threading.Event()
+        future = client.call_async(GetParameters.Request())
+        future.add_done_callback(lambda _: done.set())
+        deadline = time.monotonic() + GIVE_UP_S
+        while not done.wait(0.05):
+            if stopped.is_set() or time.monotonic() > deadline:
+                client.remove_pending_request(future)
+                return False
+        return True

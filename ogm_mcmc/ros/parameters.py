@@ -1,0 +1,83 @@
+"""Config classes as ROS parameters: descriptions and ranges out, checked values in."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any, TypeVar
+
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
+from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from ogm_mcmc.config import Setting, build, settings_of
+from ogm_mcmc.errors import ConfigError
+
+__all__ = ['ParameterSet']
+
+T = TypeVar('T')
+
+
+def descriptor(leaf: Setting, live: bool) -> ParameterDescriptor:
+    """Return the descriptor of a setting: what it means, what it may be, when it may change."""
+    text = leaf.description
+    if leaf.choices:
+        text += f'; one of {", ".join(leaf.choices)}'
+    if not live:
+        text += ' (fixed at start)'
+    result = ParameterDescriptor(name=leaf.name, description=text)
+    low, high = leaf.low, leaf.high
+    if leaf.type is float and low is not None and high is not None:
+        result.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
+    elif leaf.type is int and low is not None and high is not None:
+        result.integer_range = [IntegerRange(from_value=int(low), to_value=int(high), step=1)]
+    return result
+
+
+class ParameterSet:
+    """Declares the leaves of config classes on a node and builds the config objects."""
+
+    def __init__(self, node: Node, configs: Iterable[type], live: frozenset[str]) -> None:
+        self.node = node
+        self.configs = tuple(configs)
+        self.live = live
+        self.leaves = {leaf.name: leaf for config in self.configs for leaf in settings_of(config)}
+        for leaf in self.leaves.values():
+            try:
+                node.declare_parameter(
+                    leaf.name, leaf.default, descriptor(leaf, leaf.name in live)
+                )
+            except (InvalidParameterTypeException, InvalidParameterValueException) as error:
+                raise ConfigError(f'parameter {leaf.name}: {error}') from error
+
+    def values(self) -> dict[str, Any]:
+        """Return all current values by dotted name."""
+        return {name: self.node.get_parameter(name).value for name in self.leaves}
+
+    def read(self, config: type[T]) -> T:
+        """Build one config object from the current values; raises ConfigError."""
+        return build(config, self.values(), ignore_unknown=True)
+
+    def check(self, changes: Iterable[Parameter]) -> SetParametersResult:
+        """Judge a change at run time: safe ones pass, others are refused with the reason."""
+        values = self.values()
+        for change in changes:
+            if change.name not in self.leaves:
+                continue
+            if change.name not in self.live:
+                reason = (
+                    f'{change.name} is fixed at start; changeable: {", ".join(sorted(self.live))}'
+                )
+                return SetParametersResult(successful=False, reason=reason)
+            values[change.name] = change.value
+        try:
+            for config in self.configs:
+                build(config, values, ignore_unknown=True)
+        except ConfigError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)

@@ -1,0 +1,326 @@
+"""The node `replay`: publishes what a bag holds, at a chosen rate, with `/clock` on request."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import json
+import sys
+import threading
+import time
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.utilities import remove_ros_args
+from rosgraph_msgs.msg import Clock
+from std_srvs.srv import SetBool
+from tqdm import tqdm
+
+from ogm_mcmc.errors import BagError, ConfigError
+from ogm_mcmc.io.bags import BagReader, BagRecord, BagTopic
+from ogm_mcmc.io.messages import time_parts
+from ogm_mcmc.ros.pacing import Pacer
+from ogm_mcmc.ros.parameters import ParameterSet
+from ogm_mcmc.ros.running import run_node
+from ogm_mcmc.ros.settings import ReplayConfig
+
+__all__ = ['Replay', 'add_arguments', 'main', 'replay']
+
+LONGEST_SLEEP_S = 0.05
+CLOCK_PERIOD_S = 0.01
+
+
+@dataclass(slots=True)
+class ReplayCounts:
+    """What a replay did, for the user and for machines."""
+
+    published: Counter[str]
+    skipped_topics: dict[str, str]
+    skipped_messages: int = 0
+    loops: int = 0
+    seconds: float = 0.0
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON."""
+        return {
+            'published': dict(self.published),
+            'skipped_topics': self.skipped_topics,
+            'skipped_messages': self.skipped_messages,
+            'loops': self.loops,
+            'seconds': round(self.seconds, 3),
+        }
+
+
+class Replay(Node):
+    """Publishes the stored bytes as they are; ROS 1 messages are converted, not decoded.
+
+    rate 1 keeps the times of the recording, 0 goes as fast as the subscribers keep up: see
+    `ogm_mcmc.ros.pacing`.
+    """
+
+    def __init__(self, **node_options: Any) -> None:
+        super().__init__('replay', **node_options)
+        self.parameters = ParameterSet(self, (ReplayConfig,), frozenset())
+        self.settings = self.parameters.read(ReplayConfig)
+        if not self.settings.bag:
+            raise ConfigError('bag is empty: expected the path of a bag')
+        self.counts = ReplayCounts(Counter(), {})
+        self.running = threading.Event()
+        self.running.set()
+        if self.settings.start_paused:
+            self.running.clear()
+        self.stopped = threading.Event()
+        self.failure: BaseException | None = None
+        self.outlets: dict[str, Publisher] = {}
+        self.pacer = Pacer(self)
+        self.clock_outlet = (
+            self.create_publisher(Clock, '/clock', 10) if self.settings.clock else None
+        )
+        self.create_service(SetBool, '~/pause', self.on_pause)
+        self.add_on_set_parameters_callback(self.parameters.check)
+
+    def on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        """Stop or go on publishing."""
+        if request.data:
+            self.running.clear()
+        else:
+            self.running.set()
+        response.success = True
+        response.message = 'paused' if request.data else 'publishing'
+        return response
+
+    def play(self) -> None:
+        """Publish the whole bag, again and again with `loop`; runs in its own thread."""
+        with BagReader(Path(self.settings.bag).expanduser()) as bag:
+            chosen = self._choose(bag)
+            self._advertise(chosen)
+            self._wait_for_subscribers()
+            started = time.monotonic()
+            while not self.stopped.is_set():
+                self._play_once(bag, [topic.name for topic in chosen])
+                self.counts.loops += 1
+                if not self.settings.loop:
+                    break
+            self._drain()
+            self.counts.seconds = time.monotonic() - started
+
+    # -- which topics -----------------------------------------------------------------------
+
+    def _choose(self, bag: BagReader) -> list[BagTopic]:
+        wanted = [name.lstrip('/') for name in self.settings.topics.replace(',', ' ').split()]
+        held = {topic.name.lstrip('/'): topic for topic in bag.topics()}
+        for name in wanted:
+            if name not in held:
+                raise BagError(
+                    f'{bag.path}: no topic {name} in it: expected one of {", ".join(held)}'
+                )
+        chosen = [topic for name, topic in held.items() if not wanted or name in wanted]
+        usable = []
+        for topic in chosen:
+            if topic.name == '/clock' and self.clock_outlet is not None:
+                self.counts.skipped_topics[topic.name] = 'the clock is made anew'
+            elif _message_class(topic.msgtype) is None:
+                self._skip(topic, f'its type {topic.msgtype} is not installed')
+            else:
+                usable.append(topic)
+        if not usable:
+            raise BagError(f'{bag.path}: no topic in it can be published')
+        return usable
+
+    def _skip(self, topic: BagTopic, reason: str) -> None:
+        self.counts.skipped_topics[topic.name] = reason
+        self.get_logger().warning(f'{topic.name} is left out: {reason}')
+
+    def _advertise(self, topics: list[BagTopic]) -> None:
+        renamed = _remaps(self.settings.remap)
+        for topic in topics:
+            message_class = _message_class(topic.msgtype)
+            # Absolute names become relative, so that namespaces and ROS remaps apply.
+            name = renamed.get(topic.name.lstrip('/'), topic.name.lstrip('/'))
+            self.outlets[topic.name] = self.create_publisher(message_class, name, _profile(topic))
+
+    def _wait_for_subscribers(self) -> None:
+        """Wait until every topic that is listened to at all has been discovered."""
+        deadline = time.monotonic() + self.settings.wait
+        publishers = self.outlets.values()
+        while time.monotonic() < deadline and not self.stopped.is_set():
+            listened = [p for p in publishers if p.get_subscription_count() > 0]
+            if len(listened) >= min(self.settings.wait_topics, len(self.outlets)):
+                # The other side's discovery of us may lag a little behind ours of it.
+                self.stopped.wait(0.2)
+                return
+            self.stopped.wait(0.05)
+
+    # -- publishing -------------------------------------------------------------------------
+
+    def _play_once(self, bag: BagReader, topics: list[str]) -> None:
+        start_ns = bag.start_ns + round(self.settings.start * 1e9)
+        total = sum(topic.count for topic in bag.topics() if topic.name in topics)
+        wall, base = time.monotonic(), start_ns
+        bar = tqdm(
+            total=total, unit=' msg', desc='replay', disable=not self.settings.progress, leave=True
+        )
+        with bar:
+            for record in bag.records(topics, start_ns):
+                if not self.running.is_set():
+                    paused = time.monotonic()
+                    self._until_running()
+                    wall += time.monotonic() - paused
+                if self.stopped.is_set():
+                    return
+                if self.settings.rate > 0.0:
+                    due = wall + (record.time_ns - base) / 1e9 / self.settings.rate
+                    self._sleep_until(due, record.time_ns)
+                self._send_clock(record.time_ns)
+                self._publish(bag, record)
+                bar.update()
+
+    def _until_running(self) -> None:
+        while not self.running.is_set() and not self.stopped.is_set():
+            self.running.wait(LONGEST_SLEEP_S)
+
+    def _sleep_until(self, due: float, time_ns: int) -> None:
+        while (left := due - time.monotonic()) > 0.0 and not self.stopped.is_set():
+            step = min(left, CLOCK_PERIOD_S if self.clock_outlet is not None else LONGEST_SLEEP_S)
+            if self.clock_outlet is not None:
+                self._send_clock(time_ns - round(left * self.settings.rate * 1e9))
+            time.sleep(step)
+
+    def _send_clock(self, time_ns: int) -> None:
+        if self.clock_outlet is None:
+            return
+        message = Clock()
+        message.clock.sec, message.clock.nanosec = time_parts(max(0, time_ns))
+        self.clock_outlet.publish(message)
+
+    def _publish(self, bag: BagReader, record: BagRecord) -> None:
+        try:
+            raw = bag.cdr(record)
+        except BagError as error:
+            self.counts.skipped_messages += 1
+            if self.counts.skipped_messages == 1:
+                self.get_logger().warning(f'message left out: {error}')
+            return
+        publisher = self.outlets[record.topic]
+        publisher.publish(raw)
+        self.counts.published[record.topic] += 1
+        if self.settings.rate == 0.0:
+            self.pacer.sent(publisher, self.stopped)
+
+    def _drain(self) -> None:
+        """Let the subscribers take the last messages before the publishers go."""
+        if not self.stopped.is_set():
+            self.pacer.wait(self.stopped)
+
+
+def _message_class(msgtype: str) -> Any:
+    parts = msgtype.split('/')
+    if len(parts) != 3:
+        return None
+    try:
+        return getattr(importlib.import_module(f'{parts[0]}.{parts[1]}'), parts[2], None)
+    except ImportError:
+        return None
+
+
+def _remaps(text: str) -> dict[str, str]:
+    remaps = {}
+    for rule in text.replace(',', ' ').split():
+        old, arrow, new = rule.partition(':=')
+        if not (old and arrow and new):
+            raise ConfigError(f'remap is {rule!r}: expected OLD:=NEW')
+        remaps[old.lstrip('/')] = new
+    return remaps
+
+
+def _profile(topic: BagTopic) -> QoSProfile:
+    latched = topic.name.endswith(('/tf_static', '/map'))
+    return QoSProfile(
+        depth=100,
+        reliability=ReliabilityPolicy.RELIABLE,
+        durability=(DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE),
+    )
+
+
+def _spin_while_playing(node: Replay) -> None:
+    def work() -> None:
+        try:
+            node.play()
+        except BaseException as error:
+            node.failure = error
+        finally:
+            node.stopped.set()
+
+    player = threading.Thread(target=work, name='replay')
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    player.start()
+    try:
+        while not node.stopped.is_set():
+            executor.spin_once(timeout_sec=0.1)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        node.stopped.set()
+    finally:
+        node.running.set()
+        player.join()
+        executor.remove_node(node)
+    if node.failure is not None:
+        raise node.failure
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command line of `replay`."""
+    parser.add_argument('bag', nargs='?', default='', help='ROS 1 bag or rosbag2')
+    parser.add_argument(
+        '--rate', type=float, help='1: as recorded; 0: as fast as the subscribers keep up'
+    )
+    parser.add_argument('--topics', help='only these, separated by commas')
+    parser.add_argument('--remap', help='OLD:=NEW, separated by commas')
+    parser.add_argument('--clock', action='store_true', default=None, help='publish /clock')
+    parser.add_argument('--start', type=float, help='leave out the first seconds')
+    parser.add_argument('--loop', action='store_true', default=None, help='again and again')
+    parser.add_argument('--start-paused', action='store_true', default=None)
+    parser.add_argument('--wait', type=float, help='wait up to this long for subscribers, s')
+    parser.add_argument('--wait-topics', type=int, help='wait until so many topics have one')
+    parser.add_argument('--progress', action='store_true', default=None, help='show a bar')
+    parser.add_argument('--json', action='store_true', help='print what was done as JSON')
+
+
+def replay(options: argparse.Namespace, ros_args: list[str] | None = None) -> int:
+    """Run the node with the options of the command line; return the exit code."""
+    given = {
+        name: value
+        for name, value in vars(options).items()
+        if name in ReplayConfig.__dataclass_fields__ and value not in (None, '')
+    }
+    overrides = [Parameter(name, value=value) for name, value in given.items()]
+    nodes: list[Replay] = []
+
+    def make() -> Replay:
+        nodes.append(Replay(parameter_overrides=overrides))
+        return nodes[0]
+
+    code = run_node(make, _spin_while_playing, ros_args)
+    if options.json and nodes:
+        print(json.dumps(nodes[0].counts.as_dict()))
+    return code
+
+
+def main(args: list[str] | None = None) -> None:
+    """Run `replay BAG [options] [--ros-args ...]`."""
+    argv = sys.argv if args is None else ['replay', *args]
+    parser = argparse.ArgumentParser(prog='replay', description=__doc__)
+    add_arguments(parser)
+    options = parser.parse_args(remove_ros_args(argv)[1:])
+    sys.exit(replay(options, argv[1:]))
+
+
+if __name__ == '__main__':
+    main()

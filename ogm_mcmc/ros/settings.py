@@ -1,0 +1,118 @@
+"""Parameters of the nodes beyond those of mapping itself; imports no ROS."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ogm_mcmc.config import MapperConfig, OutputConfig, check_bounds, setting
+
+__all__ = [
+    'LIVE_PARAMETERS',
+    'NODE_CONFIGS',
+    'MountConfig',
+    'OnlineMapperConfig',
+    'ReplayConfig',
+]
+
+
+@dataclass(frozen=True)
+class MountConfig:
+    """Where the sensor sits in the base frame; used with `mount_source: parameters`."""
+
+    x: float = setting(0.0, 'sensor ahead of the base, m', low=-100.0, high=100.0)
+    y: float = setting(0.0, 'sensor to the left of the base, m', low=-100.0, high=100.0)
+    yaw: float = setting(0.0, 'heading of the sensor on the base, rad', low=-6.2832, high=6.2832)
+    upside_down: bool = setting(False, 'the sensor hangs head down: bearings run clockwise')
+
+
+@dataclass(frozen=True)
+class OnlineMapperConfig:
+    """How the node receives, places and publishes."""
+
+    map_frame: str = setting('map', 'frame of the map and of the poses')
+    base_frame: str = setting(
+        'base_link', 'frame the poses are of (pose_source tf, mount from tf)'
+    )
+    sensor_frame: str = setting('', 'scans must carry this frame_id; empty: any')
+    pose_source: str = setting(
+        'pose',
+        'pose: PoseWithCovarianceStamped; particles: PoseArray; tf: where tf2_ros is installed',
+        choices=('pose', 'particles', 'tf'),
+    )
+    mount_source: str = setting(
+        'parameters',
+        'where the sensor sits: mount.* parameters, or tf from base_frame to the scan frame',
+        choices=('parameters', 'tf'),
+    )
+    mount: MountConfig = MountConfig()
+    transform_timeout: float = setting(
+        1.0,
+        'a scan waits this long for its pose after it and the last pose came, s',
+        low=0.0,
+        high=3600.0,
+    )
+    max_pose_gap: float = setting(
+        2.0, 'poses further apart than this are not interpolated, s', low=0.0, high=3600.0
+    )
+    max_waiting_scans: int = setting(
+        1000, 'scans that may wait for a pose at once; the oldest go first', low=1, high=100000
+    )
+    map_update_interval: float = setting(
+        1.0, 'time between published maps, s', low=0.02, high=3600.0
+    )
+    latched_interval: float = setting(
+        10.0,
+        'while nobody listens, the latched map is renewed this often, s',
+        low=0.1,
+        high=86400.0,
+    )
+    save_directory: str = setting('.', 'folder ~/save_map writes to')
+    save_name: str = setting('map', 'name of the files ~/save_map writes')
+
+    def __post_init__(self) -> None:
+        """Refuse what is out of bounds."""
+        check_bounds(self)
+
+
+# All at the top level of the node, like the names people know from slam_toolbox.
+NODE_CONFIGS = (MapperConfig, OutputConfig, OnlineMapperConfig)
+
+# What may change while the node runs; the rest decides what was already mapped.
+LIVE_PARAMETERS = frozenset(
+    {
+        'output',
+        'occupied_thresh',
+        'free_thresh',
+        'transform_timeout',
+        'max_pose_gap',
+        'map_update_interval',
+        'latched_interval',
+        'save_directory',
+        'save_name',
+    }
+)
+
+
+@dataclass(frozen=True)
+class ReplayConfig:
+    """What `replay` publishes and how fast."""
+
+    bag: str = setting('', 'ROS 1 bag or rosbag2 to publish')
+    rate: float = setting(
+        1.0, '1: as recorded; 0: as fast as the subscribers keep up', low=0.0, high=10000.0
+    )
+    topics: str = setting('', 'only these topics, separated by commas; empty: all')
+    remap: str = setting('', 'OLD:=NEW rules, separated by commas')
+    clock: bool = setting(False, 'publish /clock from the times of the recording')
+    start: float = setting(0.0, 'leave out the first seconds', low=0.0, high=1e9)
+    loop: bool = setting(False, 'start again at the end')
+    start_paused: bool = setting(False, 'wait for ~/pause with data: false')
+    wait: float = setting(2.0, 'wait up to this long for subscribers, s', low=0.0, high=3600.0)
+    wait_topics: int = setting(
+        1, 'go on as soon as so many topics have a subscriber', low=0, high=1000
+    )
+    progress: bool = setting(False, 'show a progress bar on the terminal')
+
+    def __post_init__(self) -> None:
+        """Refuse what is out of bounds."""
+        check_bounds(self)
