@@ -12,7 +12,7 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeVar, get_type_hints
+from typing import Any, TypeVar, cast, get_type_hints
 
 import yaml
 
@@ -74,7 +74,7 @@ def settings_of(cls: type, prefix: str = '') -> Iterator[Setting]:
 def check_bounds(config: Any) -> None:
     """Refuse a config object with a leaf of the wrong type or out of bounds."""
     values = flatten(config)
-    for leaf in settings_of(type(config)):
+    for leaf in settings_of(cast(type, type(config))):
         value = values[leaf.name]
         number = leaf.type in (int, float)
         right_type = isinstance(value, leaf.type) or (leaf.type is float and type(value) is int)

@@ -37,11 +37,11 @@ DROP_REASONS = {
 }
 
 
-class Waiting(Exception):
+class Waiting(Exception):  # noqa: N818 - a state, not an error
     """The pose may still come."""
 
 
-class Unplaceable(Exception):
+class Unplaceable(Exception):  # noqa: N818 - an answer, not an error
     """The pose will not come; `args[0]` is one of `DROP_REASONS`."""
 
 

@@ -17,7 +17,8 @@ UNKNOWN = -1
 def occupancy_values(probability: Float32Array) -> Int8Array:
     """Whole percents 0..100 as in nav_msgs/OccupancyGrid; nan (never measured) becomes -1."""
     percent = np.rint(np.nan_to_num(probability * np.float32(100.0), nan=-1.0))
-    return percent.astype(np.int8)
+    values: Int8Array = percent.astype(np.int8)
+    return values
 
 
 def trinary_values(

@@ -27,7 +27,7 @@ class Rays(NamedTuple):
 
     `column`, `row`: that cell in lattice coordinates; `x`, `y` in [0, 1): the sensor in it;
     `ends` (2, >= N) float64: end points; `hit` (>= N,) uint8: 1 where the ray ended at something;
-    `count` N; `box`: all cells any ray touches, in lattice coordinates.
+    `n_rays` N; `box`: all cells any ray touches, in lattice coordinates.
     """
 
     column: int
@@ -36,7 +36,7 @@ class Rays(NamedTuple):
     y: float
     ends: Float64Array
     hit: UInt8Array
-    count: int
+    n_rays: int
     box: CellBox
 
 

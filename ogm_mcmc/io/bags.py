@@ -33,7 +33,7 @@ class BagTopic(NamedTuple):
 
     name: str
     msgtype: str
-    count: int
+    n_messages: int
 
 
 class BagRecord(NamedTuple):
@@ -127,7 +127,7 @@ class BagReader:
         # A topic with messages comes before an empty one, then the order of the accepted types.
         fitting = sorted(
             (topic for topic in topics if topic.msgtype in accepted),
-            key=lambda topic: (topic.count == 0, accepted.index(topic.msgtype)),
+            key=lambda topic: (topic.n_messages == 0, accepted.index(topic.msgtype)),
         )
         if wanted:
             fitting = [topic for topic in topics if _same_topic(topic.name, wanted)]
@@ -136,7 +136,7 @@ class BagReader:
                     f'{self.path}: topic {wanted} has type {fitting[0].msgtype}: '
                     f'expected {" or ".join(accepted)} as {role}'
                 )
-        if not fitting or fitting[0].count == 0:
+        if not fitting or fitting[0].n_messages == 0:
             held = ', '.join(f'{topic.name} ({topic.msgtype})' for topic in topics) or 'nothing'
             name = f' on {wanted}' if wanted else ''
             raise BagError(

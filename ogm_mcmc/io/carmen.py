@@ -77,7 +77,8 @@ def particle_weights(log_weights: Float64Array) -> Float64Array:
     """
     gain = 1.0 / (3.0 * log_weights.size)
     weights: Float64Array = np.exp(gain * (log_weights - log_weights.max()))
-    return weights / weights.sum()
+    weights /= weights.sum()
+    return weights
 
 
 def read_carmen(path: Path) -> CarmenLog:

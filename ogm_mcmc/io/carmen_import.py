@@ -265,9 +265,10 @@ def _write_scan(
 
 
 def _odometry_agreement(log: CarmenLog, order: list[int]) -> float | None:
-    """Median distance from each scan's pose to the ODOM line before it: is ODOM raw or corrected?
+    """Median distance from each scan's pose to the ODOM line before it, m.
 
-    Odometry that was corrected together with the scans stays within centimetres of them.
+    It tells raw odometry from one that was corrected together with the scans and stays within
+    centimetres of them.
     """
     last: LogOdometry | None = None
     distances = []

@@ -50,11 +50,11 @@ class TwoAssumptionMapper:
             no_return_clears=self.config.no_return == 'clear',
             upside_down=upside_down,
         )
-        if rays.count == 0:
+        if rays.n_rays == 0:
             return CellBox(0, 0, 0, 0)
         grid.cover(rays.box)
         column, row = rays.column - grid.spec.column0, rays.row - grid.spec.row0
-        geometry = (column, row, rays.x, rays.y, rays.ends, rays.hit, rays.count)
+        geometry = (column, row, rays.x, rays.y, rays.ends, rays.hit, rays.n_rays)
         if self.config.fusion == 'per_scan':
             fuse_per_scan(grid.log_odds, grid.free_bits, grid.hit_bits, *geometry, *self._model)
         else:

@@ -50,22 +50,22 @@ def add_misses(log_odds, free, bottom, top, first_word, last_word, l_free, prior
 
 @njit(cache=True, nogil=True)
 def fuse_per_scan(
-    log_odds, free, hits, column, row, x, y, ends, hit, count, l_free, l_occ, prior, limit
+    log_odds, free, hits, column, row, x, y, ends, hit, n_rays, l_free, l_occ, prior, limit
 ):
     """Add a scan with every touched cell updated once: a hit beats a miss.
 
     free, hits  (height * width / 64,) uint64 bit sets, empty before and after
-    column, row  cell of the sensor in the array; x, y, ends, hit, count as in `Rays`
+    column, row  cell of the sensor in the array; x, y, ends, hit, n_rays as in `Rays`
     """
     words_per_row = np.uint64(log_odds.shape[1] // 64)
     left = right = bottom = top = 0.0
-    for ray in range(count):
+    for ray in range(n_rays):
         end_x, end_y = ends[0, ray], ends[1, ray]
         mark_ray(free, words_per_row, column, row, x, y, end_x, end_y)
         left, right = min(left, end_x), max(right, end_x)
         bottom, top = min(bottom, end_y), max(top, end_y)
 
-    for ray in range(count):
+    for ray in range(n_rays):
         if hit[ray]:
             c = np.uint64(column + math.floor(ends[0, ray]))
             r = np.uint64(row + math.floor(ends[1, ray]))
@@ -75,7 +75,7 @@ def fuse_per_scan(
             if not hits[word] & bit:
                 hits[word] |= bit
                 log_odds[r, c] = updated(log_odds[r, c], l_occ, prior, limit)
-    for ray in range(count):
+    for ray in range(n_rays):
         if hit[ray]:
             c = np.uint64(column + math.floor(ends[0, ray]))
             r = np.uint64(row + math.floor(ends[1, ray]))
@@ -96,13 +96,13 @@ def fuse_per_scan(
 
 @njit(cache=True, nogil=True)
 def fuse_per_beam(
-    log_odds, columns, rows, column, row, x, y, ends, hit, count, l_free, l_occ, prior, limit
+    log_odds, columns, rows, column, row, x, y, ends, hit, n_rays, l_free, l_occ, prior, limit
 ):
     """Add a scan with every beam counted in every cell it crosses ([gibbs] section II).
 
     columns, rows  (n,) int64 scratch, n at least the cells of the longest ray and three more
     """
-    for ray in range(count):
+    for ray in range(n_rays):
         cells = trace_ray(column, row, x, y, ends[0, ray], ends[1, ray], columns, rows)
         c = column + math.floor(ends[0, ray])
         r = row + math.floor(ends[1, ray])

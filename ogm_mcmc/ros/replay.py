@@ -162,7 +162,7 @@ class Replay(Node):
 
     def _play_once(self, bag: BagReader, topics: list[str]) -> None:
         start_ns = bag.start_ns + round(self.settings.start * 1e9)
-        total = sum(topic.count for topic in bag.topics() if topic.name in topics)
+        total = sum(topic.n_messages for topic in bag.topics() if topic.name in topics)
         wall, base = time.monotonic(), start_ns
         bar = tqdm(
             total=total, unit=' msg', desc='replay', disable=not self.settings.progress, leave=True

@@ -62,7 +62,7 @@ class OnlineMapperConfig:
     )
     latched_interval: float = setting(
         10.0,
-        'while nobody listens, the latched map is renewed this often, s',
+        'while nobody listens, the latched map is renewed at this interval, s',
         low=0.1,
         high=86400.0,
     )
