@@ -7,12 +7,13 @@ value is refused with the reason, never repaired.
 
 from __future__ import annotations
 
+import argparse
 import dataclasses
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeVar, cast, get_type_hints
+from typing import Any, TypeVar, get_type_hints
 
 import yaml
 
@@ -23,9 +24,11 @@ __all__ = [
     'OutputConfig',
     'Setting',
     'StepModelConfig',
+    'add_arguments',
     'build',
     'check_bounds',
     'flatten',
+    'given',
     'read_parameter_file',
     'setting',
     'settings_of',
@@ -64,8 +67,8 @@ def settings_of(cls: type, prefix: str = '') -> Iterator[Setting]:
     """Walk over the leaves of a config class, depth first, in order of declaration."""
     hints = get_type_hints(cls)
     for item in dataclasses.fields(cls):
-        kind = hints[item.name]
-        if dataclasses.is_dataclass(kind):
+        kind: type = hints[item.name]
+        if hasattr(kind, '__dataclass_fields__'):
             yield from settings_of(kind, f'{prefix}{item.name}.')
         else:
             yield Setting(f'{prefix}{item.name}', kind, item.default, **item.metadata)
@@ -74,7 +77,7 @@ def settings_of(cls: type, prefix: str = '') -> Iterator[Setting]:
 def check_bounds(config: Any) -> None:
     """Refuse a config object with a leaf of the wrong type or out of bounds."""
     values = flatten(config)
-    for leaf in settings_of(cast(type, type(config))):
+    for leaf in settings_of(config.__class__):
         value = values[leaf.name]
         number = leaf.type in (int, float)
         right_type = isinstance(value, leaf.type) or (leaf.type is float and type(value) is int)
@@ -100,6 +103,40 @@ def flatten(config: Any, prefix: str = '') -> dict[str, Any]:
         else:
             values[f'{prefix}{item.name}'] = value
     return values
+
+
+def add_arguments(parser: argparse._ActionsContainer, cls: type) -> None:
+    """Declare one option per leaf; an option that is not given is None.
+
+    `max_range` becomes `--max-range`, `step.l_occ` becomes `--step.l-occ`; values end up in the
+    namespace under their dotted names, see `given`.
+    """
+    for leaf in settings_of(cls):
+        option = f'--{leaf.name.replace("_", "-")}'
+        text = f'{leaf.description} (default: {leaf.default})'.replace('%', '%%')
+        if leaf.type is bool:
+            parser.add_argument(
+                option,
+                dest=leaf.name,
+                action=argparse.BooleanOptionalAction,
+                default=None,
+                help=text,
+            )
+        else:
+            parser.add_argument(
+                option,
+                dest=leaf.name,
+                type=leaf.type,
+                choices=leaf.choices or None,
+                metavar=None if leaf.choices else leaf.type.__name__.upper(),
+                help=text,
+            )
+
+
+def given(options: argparse.Namespace, cls: type) -> dict[str, Any]:
+    """Return the settings of a config class that a command line names, by dotted name."""
+    values = {leaf.name: getattr(options, leaf.name, None) for leaf in settings_of(cls)}
+    return {name: value for name, value in values.items() if value is not None}
 
 
 def build(cls: type[T], values: Mapping[str, Any], *, ignore_unknown: bool = False) -> T:

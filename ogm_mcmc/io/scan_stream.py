@@ -64,7 +64,7 @@ class PlacedScans:
     bag: BagReader
     topics: StreamTopics
     choice: StreamChoice
-    on_scan: Callable[[], None] = lambda: None
+    on_scan: Callable[[], object] = lambda: None
     placer: ScanPlacer = field(init=False)
 
     def __post_init__(self) -> None:

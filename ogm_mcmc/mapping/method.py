@@ -37,7 +37,11 @@ class MappingMethod(Protocol):
         ...
 
     def reset(self) -> None:
-        """Forget every scan."""
+        """Forget every scan, and give the memory back."""
+        ...
+
+    def forget_cells(self) -> None:
+        """Forget every scan, but keep the extent and its memory."""
         ...
 
 

@@ -76,5 +76,9 @@ class TwoAssumptionMapper:
         return probability
 
     def reset(self) -> None:
-        """Forget every scan."""
+        """Forget every scan, and give the memory back."""
         self.grid.clear()
+
+    def forget_cells(self) -> None:
+        """Forget every scan, but keep the extent and its memory."""
+        self.grid.log_odds.fill(np.nan)

@@ -164,6 +164,8 @@ class OnlineMapper(Node):
             self._last_stamp_ns = scan.stamp_ns
             self.map_publisher.mark(changed)
             self.entropy_publisher.mark(changed)
+            if self.map_publisher.sent == 0:
+                self.publish_map()
 
     def mount_of(self, scan: Scan) -> SensorMount | None:
         """Return where the sensor of a scan sits, None while it is not known."""
@@ -212,7 +214,7 @@ class OnlineMapper(Node):
         due = now - self._renewed_at >= self.settings.latched_interval
         publisher = self.map_publisher
         listening = publisher.listeners > 0
-        if publisher.view.stale and (listening or due or publisher.sent == 0):
+        if publisher.view.stale and (listening or due):
             self.publish_map()
         if self.entropy_publisher.view.stale and self.entropy_publisher.listeners > 0:
             self.entropy_publisher.publish(self.settings.map_frame, self._last_stamp_ns)

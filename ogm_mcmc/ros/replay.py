@@ -23,6 +23,7 @@ from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool
 from tqdm import tqdm
 
+from ogm_mcmc.config import add_arguments, given
 from ogm_mcmc.errors import BagError, ConfigError
 from ogm_mcmc.io.bags import BagReader, BagRecord, BagTopic
 from ogm_mcmc.io.messages import time_parts
@@ -31,7 +32,7 @@ from ogm_mcmc.ros.parameters import ParameterSet
 from ogm_mcmc.ros.running import run_node
 from ogm_mcmc.ros.settings import ReplayConfig
 
-__all__ = ['Replay', 'add_arguments', 'main', 'replay']
+__all__ = ['Replay', 'main', 'replay']
 
 LONGEST_SLEEP_S = 0.05
 CLOCK_PERIOD_S = 0.01
@@ -65,12 +66,11 @@ class Replay(Node):
     `ogm_mcmc.ros.pacing`.
     """
 
-    def __init__(self, **node_options: Any) -> None:
+    def __init__(self, bag: Path, **node_options: Any) -> None:
         super().__init__('replay', **node_options)
         self.parameters = ParameterSet(self, (ReplayConfig,), frozenset())
         self.settings = self.parameters.read(ReplayConfig)
-        if not self.settings.bag:
-            raise ConfigError('bag is empty: expected the path of a bag')
+        self.bag = bag
         self.counts = ReplayCounts(Counter(), {})
         self.running = threading.Event()
         self.running.set()
@@ -98,7 +98,7 @@ class Replay(Node):
 
     def play(self) -> None:
         """Publish the whole bag, again and again with `loop`; runs in its own thread."""
-        with BagReader(Path(self.settings.bag).expanduser()) as bag:
+        with BagReader(self.bag) as bag:
             chosen = self._choose(bag)
             self._advertise(chosen)
             self._wait_for_subscribers()
@@ -275,36 +275,14 @@ def _spin_while_playing(node: Replay) -> None:
         raise node.failure
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the command line of `replay`."""
-    parser.add_argument('bag', nargs='?', default='', help='ROS 1 bag or rosbag2')
-    parser.add_argument(
-        '--rate', type=float, help='1: as recorded; 0: as fast as the subscribers keep up'
-    )
-    parser.add_argument('--topics', help='only these, separated by commas')
-    parser.add_argument('--remap', help='OLD:=NEW, separated by commas')
-    parser.add_argument('--clock', action='store_true', default=None, help='publish /clock')
-    parser.add_argument('--start', type=float, help='leave out the first seconds')
-    parser.add_argument('--loop', action='store_true', default=None, help='again and again')
-    parser.add_argument('--start-paused', action='store_true', default=None)
-    parser.add_argument('--wait', type=float, help='wait up to this long for subscribers, s')
-    parser.add_argument('--wait-topics', type=int, help='wait until so many topics have one')
-    parser.add_argument('--progress', action='store_true', default=None, help='show a bar')
-    parser.add_argument('--json', action='store_true', help='print what was done as JSON')
-
-
 def replay(options: argparse.Namespace, ros_args: list[str] | None = None) -> int:
     """Run the node with the options of the command line; return the exit code."""
-    given = {
-        name: value
-        for name, value in vars(options).items()
-        if name in ReplayConfig.__dataclass_fields__ and value not in (None, '')
-    }
-    overrides = [Parameter(name, value=value) for name, value in given.items()]
+    named = given(options, ReplayConfig)
+    overrides = [Parameter(name, value=value) for name, value in named.items()]
     nodes: list[Replay] = []
 
     def make() -> Replay:
-        nodes.append(Replay(parameter_overrides=overrides))
+        nodes.append(Replay(Path(options.bag).expanduser(), parameter_overrides=overrides))
         return nodes[0]
 
     code = run_node(make, _spin_while_playing, ros_args)
@@ -317,7 +295,9 @@ def main(args: list[str] | None = None) -> None:
     """Run `replay BAG [options] [--ros-args ...]`."""
     argv = sys.argv if args is None else ['replay', *args]
     parser = argparse.ArgumentParser(prog='replay', description=__doc__)
-    add_arguments(parser)
+    parser.add_argument('bag', help='ROS 1 bag or rosbag2')
+    add_arguments(parser, ReplayConfig)
+    parser.add_argument('--json', action='store_true', help='print what was done as JSON')
     options = parser.parse_args(remove_ros_args(argv)[1:])
     sys.exit(replay(options, argv[1:]))
 

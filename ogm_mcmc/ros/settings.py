@@ -97,7 +97,6 @@ LIVE_PARAMETERS = frozenset(
 class ReplayConfig:
     """What `replay` publishes and how fast."""
 
-    bag: str = setting('', 'ROS 1 bag or rosbag2 to publish')
     rate: float = setting(
         1.0, '1: as recorded; 0: as fast as the subscribers keep up', low=0.0, high=10000.0
     )

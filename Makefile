@@ -1,0 +1,62 @@
+# Two commands do everything on a fresh machine that has only Python: make demo, make test.
+# Both set up .venv first; afterwards .venv/bin/python -m ogm_mcmc ... works.
+
+# The newest of the supported Pythons that runs here; PYTHON=... names another.
+PYTHON ?= $(shell for p in python3.12 python3.11 python3; do \
+	$$p -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 12))' 2>/dev/null \
+	&& echo $$p && break; done)
+VENV := .venv
+PY := $(VENV)/bin/python
+READY := $(VENV)/.ready
+INPUT ?=
+
+export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
+
+.PHONY: setup demo test test-fast test-ros test-full lint types imports bench clean-cache clean
+
+setup: $(READY)
+
+$(READY): setup.py
+	@test -n "$(PYTHON)" || { echo 'error: expected Python 3.11 or 3.12; name one: make PYTHON=...'; exit 2; }
+	$(PYTHON) -m venv $(VENV)
+	$(PY) -m pip install --quiet 'setuptools<80' wheel
+	$(PY) -m pip install --quiet --use-pep517 --no-build-isolation --editable '.[ros,test]'
+	@touch $@
+
+demo: $(READY)
+	$(PY) -m ogm_mcmc demo $(INPUT) -o out/demo
+
+test: $(READY) lint types imports
+	$(PY) -m pytest -m 'not full'
+
+test-fast: $(READY)
+	$(PY) -m pytest -m 'not full and not slow and not ros'
+
+test-ros: $(READY)
+	$(PY) -m pytest -m 'ros and not full'
+
+# Everything, and once more with bounds checks in the kernels and with plain Python in their place.
+test-full: $(READY) lint types imports
+	$(PY) -m pytest
+	NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(VENV)/boundscheck $(PY) -m pytest -m 'not full and not slow and not ros' test
+	NUMBA_DISABLE_JIT=1 $(PY) -m pytest -m 'not full and not slow and not ros and not jit' test
+
+lint: $(READY)
+	$(VENV)/bin/ruff check .
+	$(VENV)/bin/ruff format --check .
+
+types: $(READY)
+	$(VENV)/bin/mypy
+
+imports: $(READY)
+	$(VENV)/bin/lint-imports
+
+bench: $(READY)
+	$(PY) -m ogm_mcmc bench online
+
+# Numba's cache does not notice an edit in another module's kernel.
+clean-cache:
+	find . -name '*.nb[ic]' -not -path './$(VENV)/*' -delete
+
+clean: clean-cache
+	rm -rf $(VENV) build install log out

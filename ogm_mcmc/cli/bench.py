@@ -1,0 +1,65 @@
+"""`bench online [--scene FILE] [BAG]`: how fast the mapping call is, as JSON."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from ogm_mcmc.benchmarks.online import time_online
+from ogm_mcmc.benchmarks.scene import generated_scene, load_scene
+from ogm_mcmc.cli.options import (
+    Subparsers,
+    add_config_options,
+    add_stream_options,
+    config_from,
+    stream_choice,
+)
+from ogm_mcmc.config import MapperConfig
+from ogm_mcmc.errors import BagError, require
+from ogm_mcmc.io.bags import BagReader
+from ogm_mcmc.io.scan_stream import PlacedScans, choose_topics
+
+__all__ = ['add_to']
+
+
+def add_to(subparsers: Subparsers) -> None:
+    """Declare the command."""
+    parser = subparsers.add_parser('bench', help='measure speed; prints JSON')
+    cases = parser.add_subparsers(dest='case', required=True, metavar='CASE')
+    online = cases.add_parser('online', help='the mapping call, on the fixed scene and on a bag')
+    online.add_argument('bag', nargs='?', type=Path, help='bag to map as well')
+    online.add_argument('--scene', type=Path, help='NPZ of the scene; default: a generated one')
+    online.add_argument('--repeats', type=int, default=15, help='passes; the best one counts')
+    online.add_argument('--json', action='store_true', help='always JSON; accepted for symmetry')
+    add_config_options(online, 'mapping', MapperConfig)
+    add_stream_options(online)
+    online.set_defaults(run=run_online)
+
+
+def run_online(options: argparse.Namespace) -> int:
+    """Run `bench online`."""
+    require(options.repeats > 0, 'repeats', options.repeats, 'expected at least one pass')
+    config = config_from(options, MapperConfig)
+    scene = generated_scene() if options.scene is None else load_scene(options.scene)
+    scene_config = replace(config, resolution=scene.resolution_m)
+    result: dict[str, Any] = {
+        'scene': {
+            **time_online(scene.placements, scene_config, options.repeats),
+            'source': scene.source,
+        }
+    }
+    if options.bag is not None:
+        with BagReader(options.bag) as bag:
+            choice = stream_choice(options)
+            placements = list(PlacedScans(bag, choose_topics(bag, choice), choice))
+        if not placements:
+            raise BagError(f'{options.bag}: no scan in it could be placed')
+        result['bag'] = {
+            **time_online(placements, config, options.repeats),
+            'source': options.bag.name,
+        }
+    print(json.dumps(result))
+    return 0

@@ -1,0 +1,82 @@
+"""`info BAG`: what is inside, on one screen."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from ogm_mcmc.cli.options import Subparsers, add_json, print_result
+from ogm_mcmc.errors import BagError, OgmError
+from ogm_mcmc.io import messages, ros_types
+from ogm_mcmc.io.bags import BagReader
+from ogm_mcmc.io.scan_stream import POSE_TYPES
+
+__all__ = ['add_to']
+
+
+def add_to(subparsers: Subparsers) -> None:
+    """Declare the command."""
+    parser = subparsers.add_parser('info', help='what a bag holds, on one screen')
+    parser.add_argument('bag', type=Path, help='ROS 1 bag or rosbag2')
+    add_json(parser)
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run the command."""
+    with BagReader(options.bag) as bag:
+        duration_s = bag.duration_ns / 1e9
+        values: dict[str, Any] = {
+            'path': str(options.bag),
+            'kind': bag.kind,
+            'messages': bag.message_count,
+            'start_s': bag.start_ns / 1e9,
+            'duration_s': duration_s,
+            'topics': [
+                {**topic._asdict(), **_first_message(bag, topic.name, topic.msgtype)}
+                for topic in bag.topics()
+            ],
+        }
+    print_result(options, values, _text(values))
+    return 0
+
+
+def _first_message(bag: BagReader, topic: str, msgtype: str) -> dict[str, Any]:
+    """Return the essentials of a scan or pose topic, from its first message."""
+    interesting = (ros_types.SCAN, *(kind for kinds in POSE_TYPES.values() for kind in kinds))
+    record = next(bag.records((topic,)), None) if msgtype in interesting else None
+    if record is None:
+        return {}
+    try:
+        message = bag.decode(record)
+        details: dict[str, Any] = {'frame': messages.frame_of(message)}
+        if msgtype == ros_types.SCAN:
+            scan = messages.read_scan(message)
+            details['beams'] = scan.ranges_m.size
+            details['range_m'] = [round(scan.range_min_m, 3), round(scan.range_max_m, 3)]
+        elif msgtype == ros_types.PARTICLES:
+            details['particles'] = len(message.poses)
+    except (BagError, OgmError) as error:
+        return {'problem': str(error)}
+    return details
+
+
+def _text(values: dict[str, Any]) -> str:
+    lines = [
+        f'{values["path"]}: {values["kind"]}, {values["messages"]} messages, '
+        f'{values["duration_s"]:.1f} s from {values["start_s"]:.3f} s'
+    ]
+    width = max((len(topic['name']) for topic in values['topics']), default=0)
+    for topic in values['topics']:
+        rate = topic['n_messages'] / values['duration_s'] if values['duration_s'] > 0 else 0.0
+        details = ', '.join(
+            f'{key} {topic[key]}'
+            for key in ('frame', 'beams', 'range_m', 'particles', 'problem')
+            if key in topic
+        )
+        lines.append(
+            f'  {topic["name"]:<{width}}  {topic["n_messages"]:>8}  {rate:>7.2f} Hz  '
+            f'{topic["msgtype"]}' + (f'  ({details})' if details else '')
+        )
+    return '\n'.join(lines)

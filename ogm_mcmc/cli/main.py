@@ -1,0 +1,48 @@
+"""Parse the command line and run one command."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+
+from ogm_mcmc import __version__
+from ogm_mcmc.cli import bench, demo, import_carmen, info, map_bag, replay, simulate
+from ogm_mcmc.errors import OgmError
+
+__all__ = ['main', 'run']
+
+COMMANDS = (map_bag, import_carmen, simulate, info, replay, bench, demo)
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """Return the parser with all commands."""
+    parser = argparse.ArgumentParser(
+        prog='ogm_mcmc', description='Occupancy grid maps with probabilities to believe.'
+    )
+    parser.add_argument('--version', action='version', version=__version__)
+    subparsers = parser.add_subparsers(dest='command', required=True, metavar='COMMAND')
+    for command in COMMANDS:
+        command.add_to(subparsers)
+    return parser
+
+
+def run(argv: list[str] | None = None) -> int:
+    """Run a command; return the exit code."""
+    options = make_parser().parse_args(argv)
+    try:
+        return int(options.run(options))
+    except OgmError as error:
+        print(f'ogm_mcmc {options.command}: error: {error}', file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        return 130
+    except BrokenPipeError:
+        # Whoever read our output has gone; nothing is left to say, also not at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+
+
+def main() -> None:
+    """Entry point of the installed script."""
+    sys.exit(run())

@@ -1,0 +1,99 @@
+"""`map BAG -o DIR`: the offline way to a map."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+from tqdm import tqdm
+
+from ogm_mcmc.cli.options import (
+    Subparsers,
+    add_config_options,
+    add_json,
+    add_stream_options,
+    config_from,
+    print_result,
+    stream_choice,
+)
+from ogm_mcmc.config import MapperConfig, OutputConfig, flatten
+from ogm_mcmc.errors import BagError
+from ogm_mcmc.io.bags import BagReader
+from ogm_mcmc.io.map_files import replacing, save_map, save_npz, trinary_pixels, writable_folder
+from ogm_mcmc.io.scan_stream import PlacedScans, choose_topics
+from ogm_mcmc.pipeline import MappingPipeline
+
+__all__ = ['add_to']
+
+
+def add_to(subparsers: Subparsers) -> None:
+    """Declare the command."""
+    parser = subparsers.add_parser('map', help='map a bag: PGM, YAML, PNG and NPZ')
+    parser.add_argument('bag', type=Path, help='ROS 1 bag or rosbag2 with scans and poses')
+    parser.add_argument(
+        '-o', dest='folder', type=Path, required=True, metavar='DIR', help='folder for the map'
+    )
+    parser.add_argument('--name', default='map', help='name of the files')
+    add_config_options(parser, 'mapping and output', MapperConfig, OutputConfig)
+    add_stream_options(parser)
+    add_json(parser)
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run the command."""
+    config, output = config_from(options, MapperConfig), config_from(options, OutputConfig)
+    pipeline = MappingPipeline(config)
+    # What cannot be saved is better said before the work than after it.
+    trinary_pixels(pipeline.map(), output)
+    writable_folder(options.folder)
+    started = time.perf_counter()
+    with BagReader(options.bag) as bag:
+        choice = stream_choice(options)
+        topics = choose_topics(bag, choice)
+        with tqdm(total=topics.scan.n_messages, unit=' scans', desc='map', disable=None) as bar:
+            placed = PlacedScans(bag, topics, choice, on_scan=bar.update)
+            for scan, belief in placed:
+                pipeline.update(scan, belief)
+    dropped = dict(placed.placer.dropped)
+    if pipeline.scans_used == 0:
+        raise BagError(
+            f'{options.bag}: none of {topics.scan.n_messages} scans could be placed ({dropped}): '
+            f'expected poses on {topics.pose.name} around the stamps of {topics.scan.name}'
+        )
+    settings = {**flatten(config), **flatten(output)}
+    grid_map = pipeline.map()
+    paths = save_map(grid_map, options.folder, output, options.name)
+    paths['npz'] = save_npz(grid_map, options.folder / f'{options.name}.npz', settings)
+    result: dict[str, Any] = {
+        'bag': str(options.bag),
+        'scan_topic': topics.scan.name,
+        'pose_topic': topics.pose.name,
+        'scans': topics.scan.n_messages,
+        'scans_used': pipeline.scans_used,
+        'dropped': dropped,
+        'width': grid_map.spec.width,
+        'height': grid_map.spec.height,
+        'origin': [grid_map.spec.origin_x_m, grid_map.spec.origin_y_m],
+        'seconds': round(time.perf_counter() - started, 3),
+        'files': {kind: str(path) for kind, path in paths.items()},
+        'settings': settings,
+    }
+    with replacing(options.folder / f'{options.name}.json') as path:
+        path.write_text(json.dumps(result, indent=2) + '\n', encoding='utf-8')
+    print_result(options, result, _text(result))
+    return 0
+
+
+def _text(result: dict[str, Any]) -> str:
+    dropped = ', '.join(f'{count} {reason}' for reason, count in result['dropped'].items())
+    side_x = result['width'] * result['settings']['resolution']
+    side_y = result['height'] * result['settings']['resolution']
+    return (
+        f'{result["scans_used"]} of {result["scans"]} scans -> {result["files"]["yaml"]}: '
+        f'{result["width"]} x {result["height"]} cells ({side_x:.1f} m x {side_y:.1f} m) '
+        f'in {result["seconds"]:.2f} s' + (f'; dropped: {dropped}' if dropped else '')
+    )

@@ -1,0 +1,71 @@
+"""Options that several commands share."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any, TypeVar
+
+from ogm_mcmc.config import add_arguments, build, given, read_parameter_file, settings_of
+from ogm_mcmc.io.scan_stream import StreamChoice
+
+__all__ = [
+    'Subparsers',
+    'add_config_options',
+    'add_json',
+    'add_stream_options',
+    'config_from',
+    'print_result',
+    'stream_choice',
+]
+
+T = TypeVar('T')
+Subparsers = Any  # argparse gives its sub-parser action no public name
+
+
+def add_json(parser: argparse.ArgumentParser) -> None:
+    """Declare --json."""
+    parser.add_argument('--json', action='store_true', help='print the result as JSON')
+
+
+def print_result(options: argparse.Namespace, values: dict[str, Any], text: str) -> None:
+    """Print for machines or for people."""
+    print(json.dumps(values) if options.json else text)
+
+
+def add_config_options(parser: argparse.ArgumentParser, title: str, *configs: type) -> None:
+    """Declare the settings of config classes, and --params-file for all of them."""
+    group = parser.add_argument_group(title)
+    for config in configs:
+        add_arguments(group, config)
+    group.add_argument('--params-file', type=Path, help='ROS parameter file (YAML)')
+
+
+def config_from(options: argparse.Namespace, config: type[T]) -> T:
+    """Build a config: defaults, then the parameter file, then the command line."""
+    values: dict[str, Any] = {}
+    if options.params_file is not None:
+        # The file is the node's: what is no setting of this config belongs to the rest of it.
+        known = {leaf.name for leaf in settings_of(config)}
+        held = read_parameter_file(options.params_file)
+        values.update({name: value for name, value in held.items() if name in known})
+    return build(config, {**values, **given(options, config)})
+
+
+def add_stream_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the options that choose scans and poses of a bag."""
+    group = parser.add_argument_group('what to read')
+    group.add_argument('--scan-topic', default='', help='default: the first LaserScan')
+    group.add_argument('--pose-topic', default='', help='default: the first topic that fits')
+    group.add_argument('--pose-source', choices=('pose', 'particles'), default='pose')
+    group.add_argument(
+        '--max-pose-gap', type=float, default=2.0, help='longest gap to interpolate, s'
+    )
+
+
+def stream_choice(options: argparse.Namespace) -> StreamChoice:
+    """Build the StreamChoice of a command."""
+    return StreamChoice(
+        options.scan_topic, options.pose_topic, options.pose_source, options.max_pose_gap
+    )

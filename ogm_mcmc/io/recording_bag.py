@@ -1,0 +1,38 @@
+"""Scans with known poses -> rosbag2."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+from ogm_mcmc.geometry import Pose2D, Scan
+from ogm_mcmc.io import ros_types
+from ogm_mcmc.io.bags import BagWriter
+
+__all__ = ['write_recording']
+
+
+def write_recording(
+    path: Path, scans: Iterable[tuple[Scan, Pose2D]], *, overwrite: bool = False
+) -> int:
+    """Write `scan` and `pose` (known, so of covariance zero); return the number of scans."""
+    count = 0
+    with BagWriter(path, overwrite=overwrite) as bag:
+        for scan, pose in scans:
+            stamp = scan.stamp_ns
+            known = ros_types.pose_with_covariance(stamp, 'map', pose, np.zeros((3, 3)))
+            bag.write('/pose', ros_types.POSE, stamp, known)
+            message = ros_types.laser_scan(
+                stamp,
+                scan.frame_id,
+                scan.ranges_m,
+                angle_min=scan.angle_min_rad,
+                angle_increment=scan.angle_increment_rad,
+                range_min=scan.range_min_m,
+                range_max=scan.range_max_m,
+            )
+            bag.write('/scan', ros_types.SCAN, stamp, message)
+            count += 1
+    return count

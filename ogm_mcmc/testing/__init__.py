@@ -1,0 +1,6 @@
+"""Help for the tests: slow obvious twins, hypothesis strategies, grids as ASCII pictures.
+
+Nothing in the package imports this folder. `strategies` needs hypothesis; the rest does not.
+"""
+
+__all__ = ['naive', 'pictures', 'strategies']

@@ -1,0 +1,92 @@
+"""The parameter page and the parameter file, made from the config classes.
+
+`python3 -m ogm_mcmc.testing.parameter_table docs` prints `docs/parameters.md`, `... yaml` prints
+`config/online_mapper.yaml`; a test compares the files with this.
+"""
+
+from __future__ import annotations
+
+import sys
+import textwrap
+from collections.abc import Iterable
+
+import yaml
+
+from ogm_mcmc.config import Setting, settings_of
+from ogm_mcmc.ros.settings import LIVE_PARAMETERS, NODE_CONFIGS, ReplayConfig
+
+__all__ = ['page', 'parameter_file']
+
+INTRODUCTION = """\
+# Parameters
+
+Made by `python3 -m ogm_mcmc.testing.parameter_table docs` from the declarations in the code; a
+test keeps it that way. Every wrong value is refused with the reason.
+
+"Live" parameters take effect while the node runs; a change of any other is refused. On the
+command line of `map`, `bench`, `demo` and `replay` the same names serve as options
+(`max_range` is `--max-range`), and `--params-file` takes the same YAML as the node.
+"""
+
+
+def _value(value: object) -> str:
+    """Return a value as YAML writes it."""
+    return yaml.safe_dump(value, default_flow_style=True).split('\n')[0]
+
+
+def _range(leaf: Setting) -> str:
+    if leaf.choices:
+        return ', '.join(leaf.choices)
+    if leaf.low is None or leaf.high is None:
+        return ''
+    return f'{leaf.low:g} to {leaf.high:g}'
+
+
+def _table(leaves: Iterable[Setting], live: frozenset[str]) -> str:
+    lines = ['| name | default | range | live | meaning |', '| --- | --- | --- | --- | --- |']
+    for leaf in leaves:
+        mark = 'yes' if leaf.name in live else ''
+        lines.append(
+            f'| `{leaf.name}` | `{_value(leaf.default)}` | {_range(leaf)} | {mark} '
+            f'| {leaf.description} |'
+        )
+    return '\n'.join(lines)
+
+
+def _mapper_leaves() -> list[Setting]:
+    return [leaf for config in NODE_CONFIGS for leaf in settings_of(config)]
+
+
+def page() -> str:
+    """Return the text of `docs/parameters.md`."""
+    return (
+        f'{INTRODUCTION}\n## online_mapper\n\n{_table(_mapper_leaves(), LIVE_PARAMETERS)}\n'
+        f'\n## replay\n\n{_table(settings_of(ReplayConfig), frozenset())}\n'
+    )
+
+
+def parameter_file() -> str:
+    """Return the text of `config/online_mapper.yaml`."""
+    lines = [
+        '# Parameters of online_mapper with their defaults; made by',
+        '# `python3 -m ogm_mcmc.testing.parameter_table yaml`.',
+        '/**:',
+        '  ros__parameters:',
+    ]
+    group = ''
+    for leaf in _mapper_leaves():
+        parent, _, name = leaf.name.rpartition('.')
+        indent = '      ' if parent else '    '
+        if parent and parent != group:
+            lines.append(f'    {parent}:')
+        group = parent
+        text = leaf.description + (f' ({_range(leaf)})' if _range(leaf) else '')
+        lines += textwrap.wrap(
+            text, 97, initial_indent=f'{indent}# ', subsequent_indent=f'{indent}# '
+        )
+        lines.append(f'{indent}{name}: {_value(leaf.default)}')
+    return '\n'.join(lines) + '\n'
+
+
+if __name__ == '__main__':
+    print(page() if sys.argv[1:] == ['docs'] else parameter_file(), end='')
