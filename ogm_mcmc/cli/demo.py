@@ -159,7 +159,7 @@ def _mapper_arguments(
 def _replay_arguments(options: argparse.Namespace, source: DemoInput, namespace: str) -> list[str]:
     topics = f'{source.scan_topic},{source.pose_topic}'
     # The mapper's topic for poses is named like the source: `pose` or `particles`.
-    remap = f'{source.scan_topic}:=scan,{source.pose_topic}:={source.pose_source}'
+    remap = f'{source.scan_topic}=scan,{source.pose_topic}={source.pose_source}'
     return [
         *('-m', 'ogm_mcmc.ros.replay', str(source.bag), '--rate', str(options.rate)),
         *('--topics', topics, '--remap', remap, '--wait', '20', '--wait-topics', '2'),

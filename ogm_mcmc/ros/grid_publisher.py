@@ -26,10 +26,9 @@ class _MessageView(MapView):
 
     def _allocate(self, spec: GridSpec) -> Int8Array:
         self.message = OccupancyGrid()
-        data = array.array('b', bytes(spec.width * spec.height))
-        self.message.data = data
-        values: Int8Array = np.frombuffer(data, np.int8).reshape(spec.height, spec.width)
-        return values
+        self.message.data = array.array('b', bytes(spec.width * spec.height))
+        # The message may keep a copy of what it is given; its own array is the one to write to.
+        return np.frombuffer(self.message.data, np.int8).reshape(spec.height, spec.width)
 
 
 class GridPublisher:

@@ -233,9 +233,10 @@ def _message_class(msgtype: str) -> Any:
 def _remaps(text: str) -> dict[str, str]:
     remaps = {}
     for rule in text.replace(',', ' ').split():
-        old, arrow, new = rule.partition(':=')
-        if not (old and arrow and new):
-            raise ConfigError(f'remap is {rule!r}: expected OLD:=NEW')
+        # Not OLD:=NEW, which rclpy would take for itself.
+        old, equals, new = rule.partition('=')
+        if not (old and equals and new):
+            raise ConfigError(f'remap is {rule!r}: expected OLD=NEW')
         remaps[old.lstrip('/')] = new
     return remaps
 

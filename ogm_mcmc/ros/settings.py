@@ -101,7 +101,7 @@ class ReplayConfig:
         1.0, '1: as recorded; 0: as fast as the subscribers keep up', low=0.0, high=10000.0
     )
     topics: str = setting('', 'only these topics, separated by commas; empty: all')
-    remap: str = setting('', 'OLD:=NEW rules, separated by commas')
+    remap: str = setting('', 'OLD=NEW topic names, separated by commas')
     clock: bool = setting(False, 'publish /clock from the times of the recording')
     start: float = setting(0.0, 'leave out the first seconds', low=0.0, high=1e9)
     loop: bool = setting(False, 'start again at the end')

@@ -13,8 +13,11 @@ from fractions import Fraction
 from itertools import pairwise
 from typing import NamedTuple
 
+import numpy as np
+
+from ogm_mcmc.arrays import Float32Array
 from ogm_mcmc.config import MapperConfig
-from ogm_mcmc.geometry import Pose2D, Scan
+from ogm_mcmc.geometry import CellBox, Pose2D, Scan
 
 __all__ = [
     'Beam',
@@ -24,6 +27,7 @@ __all__ = [
     'corner_margin',
     'crossed_cells',
     'crosses',
+    'measured_cells',
     'usable_length',
 ]
 
@@ -187,3 +191,11 @@ class NaiveMapper:
                 value = min(max(value + step, -limit), limit)
             log_odds[cell] = value
         return log_odds
+
+
+def measured_cells(values: Float32Array, box: CellBox) -> dict[Cell, float]:
+    """Value of every cell of a box that is not nan, by lattice coordinates."""
+    return {
+        (box.column0 + int(column), box.row0 + int(row)): float(values[row, column])
+        for row, column in np.argwhere(~np.isnan(values))
+    }

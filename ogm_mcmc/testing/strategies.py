@@ -1,4 +1,4 @@
-"""Hypothesis strategies for segments, poses and scans.
+"""Hypothesis strategies for segments, poses and scans, and scans made by hand.
 
 Dyadic coordinates (whole numbers of 1/2**bits) make sums and differences of floats exact.
 """
@@ -18,6 +18,7 @@ __all__ = [
     'Segment',
     'dyadics',
     'exact_slope_segments',
+    'fan',
     'float_segments',
     'poses',
     'scans',
@@ -63,6 +64,26 @@ def float_segments(draw: st.DrawFn, reach: float = 400.0) -> Segment:
     angle = draw(st.floats(-math.pi, math.pi))
     length = draw(st.floats(0.0, reach))
     return x, y, x + length * math.cos(angle), y + length * math.sin(angle)
+
+
+def fan(
+    *ranges_m: float,
+    bearing: float = 0.0,
+    increment: float = 2.0 * math.pi,
+    range_max_m: float = 20.0,
+    stamp_ns: int = 0,
+    frame_id: str = '',
+) -> Scan:
+    """Scan with a beam for each range; unless told otherwise all of them look straight ahead."""
+    return Scan.checked(
+        np.array(ranges_m),
+        angle_min_rad=bearing,
+        angle_increment_rad=increment,
+        range_min_m=0.0,
+        range_max_m=range_max_m,
+        stamp_ns=stamp_ns,
+        frame_id=frame_id,
+    )
 
 
 def poses(reach_m: float = 20.0) -> st.SearchStrategy[Pose2D]:

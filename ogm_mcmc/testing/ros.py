@@ -1,0 +1,138 @@
+"""Help for tests with real nodes: processes that are always ended, waiting that never hangs."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from types import TracebackType
+from typing import Any, Self
+
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+
+__all__ = ['NodeProcess', 'Observer', 'spin_until']
+
+
+class NodeProcess:
+    """A node of this package in a process of its own; a context manager."""
+
+    def __init__(
+        self,
+        module: str,
+        arguments: Sequence[str] = (),
+        parameters: dict[str, Any] | None = None,
+        command: Sequence[str] = (),
+    ) -> None:
+        ros_args = []
+        for name, value in (parameters or {}).items():
+            text = str(value).lower() if isinstance(value, bool) else str(value)
+            ros_args += ['-p', f'{name}:={text}']
+        self.command = [
+            *(command or (sys.executable, '-m', f'ogm_mcmc.ros.{module}')),
+            *arguments,
+            *(['--ros-args', *ros_args] if ros_args else []),
+        ]
+        self.output = ''
+
+    def __enter__(self) -> Self:
+        """Start the process."""
+        self.process = subprocess.Popen(
+            self.command,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            env=dict(os.environ),
+        )
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """End the process, whatever happened."""
+        if self.process.poll() is None:
+            self.stop()
+        elif self.process.stdout is not None and not self.process.stdout.closed:
+            self.wait()
+
+    def running(self) -> bool:
+        """Whether the process is still there."""
+        return self.process.poll() is None
+
+    def wait(self, timeout_s: float = 60.0) -> int:
+        """Wait for the process to end by itself; return its exit code."""
+        self.output += self.process.communicate(timeout=timeout_s)[0] or ''
+        return int(self.process.returncode)
+
+    def stop(self, how: int = signal.SIGINT, timeout_s: float = 15.0) -> int:
+        """Send a signal and wait; return the exit code. Kills what does not stop."""
+        self.process.send_signal(how)
+        try:
+            return self.wait(timeout_s)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.wait()
+            raise
+
+
+class Observer:
+    """A node of the test's own that collects messages and calls services."""
+
+    def __init__(self, name: str = 'observer') -> None:
+        self.context = rclpy.context.Context()
+        rclpy.init(context=self.context, args=[])
+        self.node = Node(name, context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+
+    def __enter__(self) -> Self:
+        """Return itself; the node is already there."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Remove the node."""
+        self.executor.shutdown()
+        self.node.destroy_node()
+        rclpy.try_shutdown(context=self.context)
+
+    def collect(self, msg_type: Any, topic: str, qos: Any, *, raw: bool = False) -> list[Any]:
+        """Return a list that fills with the messages of a topic (or their bytes)."""
+        received: list[Any] = []
+        self.node.create_subscription(msg_type, topic, received.append, qos, raw=raw)
+        return received
+
+    def until(self, condition: Callable[[], bool], timeout_s: float = 30.0) -> None:
+        """Handle messages until a condition holds; raises TimeoutError."""
+        spin_until(self.executor, condition, timeout_s)
+
+    def call(self, srv_type: Any, name: str, request: Any, timeout_s: float = 30.0) -> Any:
+        """Call a service and return its response."""
+        client = self.node.create_client(srv_type, name)
+        self.until(client.service_is_ready, timeout_s)
+        future = client.call_async(request)
+        self.until(future.done, timeout_s)
+        self.node.destroy_client(client)
+        return future.result()
+
+
+def spin_until(
+    executor: SingleThreadedExecutor, condition: Callable[[], bool], timeout_s: float
+) -> None:
+    """Spin until a condition holds; raises TimeoutError."""
+    deadline = time.monotonic() + timeout_s
+    while not condition():
+        if time.monotonic() > deadline:
+            raise TimeoutError(f'not within {timeout_s} s')
+        executor.spin_once(timeout_sec=0.05)

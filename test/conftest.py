@@ -1,0 +1,60 @@
+"""Shared fixtures: where the recorded logs are, a small bag, an isolated ROS."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+@pytest.fixture(scope='session')
+def repository() -> Path:
+    return ROOT
+
+
+@pytest.fixture(scope='session')
+def data_folder() -> Path:
+    """The recorded logs; the test is skipped where they are not."""
+    folder = Path(os.environ.get('OGM_MCMC_DATA', ROOT.parent / 'shared' / 'data'))
+    if not folder.is_dir():
+        pytest.skip(f'recorded logs are not in {folder} (set OGM_MCMC_DATA)')
+    return folder
+
+
+@pytest.fixture(scope='session')
+def office_bag(tmp_path_factory) -> Path:
+    """A simulated walk: 1158 scans of 90 beams with known poses."""
+    from ogm_mcmc.io.recording_bag import write_recording
+    from ogm_mcmc.simulation import WORLDS, Lidar, record
+
+    path = tmp_path_factory.mktemp('bags') / 'office'
+    write_recording(path, record(WORLDS['office'](), Lidar(beams=90), np.random.default_rng(5)))
+    return path
+
+
+@pytest.fixture
+def run_cli(tmp_path):
+    """Run `python3 -m ogm_mcmc ...` as a user does; returns the finished process."""
+
+    def run(*arguments, timeout=120, **environment):
+        return subprocess.run(
+            [sys.executable, '-m', 'ogm_mcmc', *map(str, arguments)],
+            cwd=tmp_path,
+            env={**os.environ, **environment},
+            capture_output=True,
+            text=True,
+            timeout=timeout,
+        )
+
+    return run
+
+
+def pytest_configure(config) -> None:
+    # Before rclpy is first imported: a domain of our own, on this machine only.
+    os.environ.setdefault('ROS_DOMAIN_ID', str(20 + os.getpid() % 80))
+    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+    os.environ.setdefault('ROS_LOG_DIR', str(Path(os.environ.get('TMPDIR', '/tmp')) / 'ogm_ros'))

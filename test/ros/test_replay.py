@@ -1,0 +1,186 @@
+"""The node `replay`: every kind of bag, rates, topics, clock, pause, loop."""
+
+import json
+import sys
+import time
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy', reason='rclpy is not installed: no ROS tests')
+
+from rosbags.rosbag1 import Writer as Ros1Writer
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as Ros2Writer
+from rosbags.typesys import Stores, get_typestore
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import LaserScan
+from std_msgs.msg import String
+from std_srvs.srv import SetBool
+
+from ogm_mcmc.io import ros_types
+from ogm_mcmc.io.bags import BagReader, typestore
+from ogm_mcmc.testing.ros import NodeProcess, Observer
+
+pytestmark = [pytest.mark.ros]
+
+COUNT, STEP_S = 20, 0.05
+
+
+def scans():
+    for index in range(COUNT):
+        stamp = 1_000_000_000 + round(index * STEP_S * 1e9)
+        ranges = np.linspace(0.5, 1.0 + index, 7, dtype=np.float32)
+        yield (
+            stamp,
+            ros_types.laser_scan(
+                stamp, 'laser', ranges, angle_min=-1.0, angle_increment=0.1, range_max=30.0
+            ),
+        )
+
+
+def rosbag2(path, plugin):
+    store = typestore()
+    with Ros2Writer(path, version=9, storage_plugin=plugin) as writer:
+        connection = writer.add_connection('/scan', ros_types.SCAN, typestore=store)
+        for stamp, msg in scans():
+            writer.write(connection, stamp, store.serialize_cdr(msg, ros_types.SCAN))
+        text = writer.add_connection('/text', 'std_msgs/msg/String', typestore=store)
+        hello = store.types['std_msgs/msg/String']('hello')
+        writer.write(text, stamp, store.serialize_cdr(hello, 'std_msgs/msg/String'))
+
+
+def rosbag1(path):
+    store = get_typestore(Stores.ROS1_NOETIC)
+    with Ros1Writer(path) as writer:
+        connection = writer.add_connection('/scan', ros_types.SCAN, typestore=store)
+        header = store.types['std_msgs/msg/Header']
+        kind = store.types[ros_types.SCAN]
+        for index, (stamp, msg) in enumerate(scans()):
+            fields = {name: getattr(msg, name) for name in msg.__dataclass_fields__}
+            fields.pop('__msgtype__', None)
+            fields['header'] = header(index, msg.header.stamp, msg.header.frame_id)
+            writer.write(connection, stamp, store.serialize_ros1(kind(**fields), ros_types.SCAN))
+
+
+@pytest.fixture
+def bag(tmp_path):
+    rosbag2(tmp_path / 'bag', StoragePlugin.MCAP)
+    return tmp_path / 'bag'
+
+
+def play(path, *arguments):
+    return NodeProcess('replay', [str(path), '--json', '--wait', '20', *map(str, arguments)])
+
+
+def finished(observer, player):
+    observer.until(lambda: not player.running(), 60.0)
+    assert player.wait() == 0, player.output
+    return json.loads(player.output.strip().splitlines()[-1])
+
+
+@pytest.mark.parametrize('kind', ['mcap', 'sqlite3', 'ros1'])
+def test_every_kind_of_bag_arrives_byte_for_byte(tmp_path, kind):
+    path = tmp_path / ('bag.bag' if kind == 'ros1' else 'bag')
+    if kind == 'ros1':
+        rosbag1(path)
+    else:
+        rosbag2(path, StoragePlugin[kind.upper()])
+    with Observer() as observer:
+        received = observer.collect(LaserScan, 'scan', 100, raw=True)
+        with play(path, '--rate', 0, '--topics', 'scan') as player:
+            done = finished(observer, player)
+        observer.until(lambda: len(received) == COUNT, 10.0)
+    assert done['published'] == {'/scan': COUNT}
+    store = typestore()
+    expected = [bytes(store.serialize_cdr(msg, ros_types.SCAN)) for _, msg in scans()]
+    assert received == expected
+
+
+def test_rate_start_remap_and_clock(bag):
+    with Observer() as observer:
+        received = observer.collect(LaserScan, 'front/scan', 100)
+        clocks = observer.collect(Clock, '/clock', 1000)
+        began = time.monotonic()
+        arguments = ('--rate', 2, '--start', 0.5, '--remap', 'scan=front/scan', '--clock')
+        with play(bag, *arguments, '--topics', 'scan') as player:
+            done = finished(observer, player)
+        observer.until(lambda: len(received) == COUNT // 2, 10.0)
+    assert done['seconds'] == pytest.approx(0.475 / 2, abs=0.15)
+    assert time.monotonic() - began < 30.0
+    stamps = [clock.clock.sec + 1e-9 * clock.clock.nanosec for clock in clocks]
+    assert stamps == sorted(stamps)
+    assert stamps[-1] == pytest.approx(1.0 + (COUNT - 1) * STEP_S)
+    assert len(stamps) > COUNT // 2
+
+
+def test_pause_and_loop(bag):
+    with Observer() as observer:
+        received = observer.collect(LaserScan, 'scan', 1000)
+        with play(bag, '--loop', '--start-paused', '--rate', 5) as player:
+            observer.call(SetBool, 'replay/pause', SetBool.Request(data=True))
+            assert received == []
+            observer.call(SetBool, 'replay/pause', SetBool.Request(data=False))
+            observer.until(lambda: len(received) > 2 * COUNT, 30.0)
+            observer.call(SetBool, 'replay/pause', SetBool.Request(data=True))
+            time.sleep(0.3)
+            observer.until(lambda: True)
+            paused = len(received)
+            time.sleep(0.5)
+            observer.until(lambda: True)
+            assert len(received) <= paused + 1
+            assert player.stop() == 0, player.output
+    assert 'Traceback' not in player.output
+
+
+def test_types_that_are_not_installed_are_left_out(tmp_path):
+    store = get_typestore(Stores.ROS2_JAZZY)
+    from rosbags.typesys import get_types_from_msg
+
+    store.register(get_types_from_msg('float32 x', 'nowhere_msgs/msg/Thing'))
+    with Ros2Writer(tmp_path / 'bag', version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        thing = writer.add_connection('/thing', 'nowhere_msgs/msg/Thing', typestore=store)
+        text = writer.add_connection('/text', 'std_msgs/msg/String', typestore=store)
+        made = store.types['nowhere_msgs/msg/Thing'](1.0)
+        writer.write(thing, 10, store.serialize_cdr(made, 'nowhere_msgs/msg/Thing'))
+        hello = store.types['std_msgs/msg/String']('hello')
+        writer.write(text, 20, store.serialize_cdr(hello, 'std_msgs/msg/String'))
+    with Observer() as observer:
+        texts = observer.collect(String, 'text', 10)
+        with play(tmp_path / 'bag', '--rate', 0) as player:
+            done = finished(observer, player)
+        observer.until(lambda: bool(texts), 10.0)
+    assert texts[0].data == 'hello'
+    assert 'nowhere_msgs/msg/Thing' in done['skipped_topics']['/thing']
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'reason'),
+    [
+        (['nowhere'], 'no such file or folder'),
+        (['{bag}', '--topics', 'nothing'], 'no topic nothing in it: expected one of scan, text'),
+        (['{bag}', '--remap', 'nonsense'], 'expected OLD=NEW'),
+        (['{bag}', '--rate', '-1'], 'rate'),
+    ],
+)
+def test_mistakes_are_one_line(bag, arguments, reason):
+    named = [argument.format(bag=bag) for argument in arguments]
+    with NodeProcess('replay', [*named, '--wait', '0']) as player:
+        assert player.wait() == 2, player.output
+    errors = [line for line in player.output.splitlines() if 'error' in line]
+    assert len(errors) == 1, player.output
+    assert reason in errors[0]
+    assert 'Traceback' not in player.output
+
+
+def test_the_command_line_is_the_same_node(bag):
+    with Observer() as observer:
+        received = observer.collect(LaserScan, 'scan', 100)
+        command = (sys.executable, '-m', 'ogm_mcmc', 'replay')
+        arguments = [str(bag), '--rate', '0', '--json', '--topics', 'scan', '--wait', '20']
+        with NodeProcess('', arguments, command=command) as player:
+            done = finished(observer, player)
+        observer.until(lambda: len(received) == COUNT, 10.0)
+    assert done['published'] == {'/scan': COUNT}
+    with BagReader(bag) as reader:
+        assert reader.message_count == COUNT + 1
