@@ -41,6 +41,13 @@ class Bench(NamedTuple):
         msg = self.maps[-1]
         return np.frombuffer(msg.data, np.int8).reshape(msg.info.height, msg.info.width), msg.info
 
+    def expect_occupied(self, points):
+        """Wait for the map that shows just these; on a timeout show what it shows instead."""
+        try:
+            self.observer.until(lambda: bool(self.maps) and self.occupied_points() == points, 5.0)
+        except TimeoutError:
+            assert self.occupied_points() == points
+
     def occupied_points(self):
         values, info = self.map_values()
         rows, columns = np.nonzero(values > 50)
@@ -100,8 +107,7 @@ def test_one_good_scan_marks_one_cell(bench):
     bench.send('pose', pose_at(1.0))
     bench.send('scan', scan_at(1.0))
     bench.wait_for('scans used', 1)
-    bench.observer.until(lambda: bool(bench.maps))
-    assert bench.occupied_points() == [(1.05, 0.05)]
+    bench.expect_occupied([(1.05, 0.05)])
     values, _ = bench.map_values()
     assert (values == 20).sum() == 10
     assert (values == 80).sum() == 1
@@ -112,8 +118,7 @@ def test_pose_is_interpolated_the_short_way_round(bench):
     bench.send('scan', scan_at(1.5))
     bench.send('pose', pose_at(2.0, yaw=-math.pi + 0.1))
     bench.wait_for('scans used', 1)
-    bench.observer.until(lambda: bool(bench.maps))
-    assert bench.occupied_points() == [(-0.95, 0.05)]
+    bench.expect_occupied([(-0.95, 0.05)])
 
 
 FOUR = [1.0] * 4
@@ -131,14 +136,14 @@ SCAN_FAULTS = {
 
 def test_invalid_scans_are_counted_and_change_nothing(bench):
     bench.send('pose', pose_at(0.9))
-    bench.send('pose', pose_at(5.0))
+    bench.send('pose', pose_at(2.5))
     for index, changes in enumerate(SCAN_FAULTS.values()):
         bench.send('scan', scan_at(1.0 + 0.1 * index, **changes))
     bench.wait_for('dropped: scan_invalid', len(SCAN_FAULTS))
     assert bench.values()['scans used'] == '0'
     assert bench.maps == []
     # And the node is as well as before.
-    bench.send('scan', scan_at(3.0))
+    bench.send('scan', scan_at(2.2))
     bench.wait_for('scans used', 1)
     assert bench.node.running()
 
@@ -174,9 +179,9 @@ def test_stamps_out_of_order_repeated_and_jumping_back(bench):
     bench.wait_for('dropped: scan_out_of_order', 2)
     bench.send('scan', scan_at(3.0))  # time starts again
     bench.wait_for('dropped: scan_jumped_back', 1)
-    bench.send('pose', pose_at(2.9))
+    bench.send('pose', pose_at(2.9, yaw=math.pi / 2))
     bench.wait_for('dropped: pose_jumped_back', 1)
-    bench.send('pose', pose_at(4.0))
+    bench.send('pose', pose_at(4.0, yaw=math.pi / 2))
     bench.send('scan', scan_at(3.5, [0.5]))
     bench.wait_for('scans used', 2)
     bench.send('scan', scan_at(30.0))  # no pose so late: waits, then is dropped
@@ -185,7 +190,7 @@ def test_stamps_out_of_order_repeated_and_jumping_back(bench):
     bench.send('scan', scan_at(35.0))  # between poses that are too far apart
     bench.wait_for('dropped: pose_gap', 1)
     assert bench.values()['scans used'] == '2'
-    assert bench.occupied_points() == [(0.55, 0.05), (1.05, 0.05)]
+    bench.expect_occupied([(0.05, 0.55), (1.05, 0.05)])
 
 
 @pytest.mark.parametrize('bench', [{'sensor_frame': 'laser'}], indirect=True)
@@ -207,7 +212,7 @@ def test_a_pose_far_away_does_not_blow_up_the_map(bench):
     bench.send('pose', pose_at(1.2, x=1e300))
     bench.send('scan', scan_at(1.2))
     bench.wait_for('dropped: scan_off_map', 2)
-    assert bench.occupied_points() == [(1.05, 0.05)]
+    bench.expect_occupied([(1.05, 0.05)])
 
 
 @pytest.mark.parametrize(
@@ -223,8 +228,7 @@ def test_mounts(bench, expected):
     bench.send('pose', pose_at(1.0))
     bench.send('scan', scan_at(1.0, [1.0, 2.0]))
     bench.wait_for('scans used', 1)
-    bench.observer.until(lambda: bool(bench.maps))
-    assert bench.occupied_points() == sorted(expected)
+    bench.expect_occupied(sorted(expected))
 
 
 @pytest.mark.parametrize('bench', [{'pose_source': 'particles'}], indirect=True)
@@ -242,5 +246,4 @@ def test_particles_count_as_their_mean(bench):
     bench.send('particles', cloud)
     bench.send('scan', scan_at(1.0))
     bench.wait_for('scans used', 1)
-    bench.observer.until(lambda: bool(bench.maps))
-    assert bench.occupied_points() == [(-0.95, 0.05)]
+    bench.expect_occupied([(-0.95, 0.05)])
