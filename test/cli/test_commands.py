@@ -1,0 +1,164 @@
+"""The command line as a user meets it: results, JSON, and one line for every mistake."""
+
+import json
+
+import numpy as np
+import pytest
+import yaml
+
+from ogm_mcmc.io.map_files import load_map
+
+CARMEN = (
+    'ODOM 0 0 0 0 0 0 0.5 host 0.5\n'
+    'FLASER 180 ' + ' '.join(['2.0'] * 180) + ' 0 0 0 0 0 0 1.0 host 1.0\n'
+    'FLASER 180 ' + ' '.join(['81.83'] * 180) + ' 0.1 0 0 0.1 0 0 2.0 host 2.0\n'
+)
+
+
+def error_of(done):
+    assert done.returncode == 2, done.stderr
+    assert 'Traceback' not in done.stderr
+    lines = [line for line in done.stderr.splitlines() if 'error' in line]
+    assert len(lines) == 1, done.stderr
+    return lines[0]
+
+
+def test_map_writes_all_files_and_says_so(run_cli, office_bag, tmp_path):
+    done = run_cli('map', office_bag, '-o', 'out', '--json')
+    assert done.returncode == 0, done.stderr
+    result = json.loads(done.stdout)
+    assert result['scans_used'] == result['scans'] == 1158
+    assert result['dropped'] == {}
+    assert set(result['files']) == {'pgm', 'yaml', 'png', 'npz'}
+    assert result['settings']['fusion'] == 'per_scan'
+    assert json.loads((tmp_path / 'out' / 'map.json').read_text()) == result
+    grid_map = load_map(tmp_path / 'out' / 'map.yaml')
+    assert grid_map.probability.shape == (result['height'], result['width'])
+    with np.load(tmp_path / 'out' / 'map.npz') as data:
+        assert np.nanmax(data['probability']) <= 1.0
+        assert yaml.safe_load(str(data['settings'])) == result['settings']
+    # The outer wall of the office, 16 m x 12 m, is all around.
+    assert result['width'] * 0.05 == pytest.approx(16.0, abs=0.2)
+    assert result['height'] * 0.05 == pytest.approx(12.0, abs=0.2)
+
+
+def test_map_takes_options_and_parameter_file(run_cli, office_bag, tmp_path):
+    (tmp_path / 'mine.yaml').write_text(
+        '/**:\n  ros__parameters:\n    resolution: 0.2\n    map_frame: map\n'
+        '    step:\n      l_occ: 2.0\n'
+    )
+    done = run_cli(
+        *('map', office_bag, '-o', 'out', '--json', '--params-file', 'mine.yaml'),
+        *('--fusion', 'per_beam', '--step.l-occ', '1.0'),
+    )
+    assert done.returncode == 0, done.stderr
+    settings = json.loads(done.stdout)['settings']
+    assert settings['resolution'] == 0.2
+    assert settings['step.l_occ'] == 1.0
+    assert settings['fusion'] == 'per_beam'
+
+
+def test_import_info_map(run_cli, tmp_path):
+    (tmp_path / 'a.log').write_text(CARMEN)
+    done = run_cli('import-carmen', 'a.log', '-o', 'bag', '--json')
+    assert done.returncode == 0, done.stderr
+    summary = json.loads(done.stdout)
+    assert summary['scans'] == {'scan': 2}
+    assert summary['no_return'] == 180
+    info = run_cli('info', 'bag')
+    assert info.returncode == 0, info.stderr
+    for expected in ('rosbag2 (mcap)', '/scan', '/pose', '/odom', 'beams 180', 'LaserScan'):
+        assert expected in info.stdout
+    details = json.loads(run_cli('info', 'bag', '--json').stdout)
+    assert {topic['name']: topic['n_messages'] for topic in details['topics']} == {
+        '/odom': 1,
+        '/pose': 2,
+        '/scan': 2,
+    }
+    assert run_cli('map', 'bag', '-o', 'out', '--no-return', 'ignore').returncode == 0
+    occupied = np.nansum(load_map(tmp_path / 'out' / 'map.yaml').probability)
+    assert occupied > 100
+
+
+def test_simulate_is_the_same_for_the_same_seed(run_cli, tmp_path):
+    maps = []
+    for name, seed in (('a', 3), ('b', 3), ('c', 4)):
+        done = run_cli('simulate', 'office', '-o', name, '--seed', seed, '--beams', 60)
+        assert done.returncode == 0, done.stderr
+        assert run_cli('map', name, '-o', f'{name}_map').returncode == 0
+        with np.load(tmp_path / f'{name}_map' / 'map.npz') as data:
+            maps.append(data['probability'])
+    assert np.array_equal(maps[0], maps[1], equal_nan=True)
+    assert not np.array_equal(maps[0], maps[2], equal_nan=True)
+
+
+def test_bench_prints_the_promised_json(run_cli, office_bag):
+    done = run_cli('bench', 'online', office_bag, '--repeats', '1')
+    assert done.returncode == 0, done.stderr
+    result = json.loads(done.stdout)
+    for part in ('scene', 'bag'):
+        assert result[part]['ms'] > 0.0
+        assert result[part]['scans_per_s'] > 0.0
+        assert result[part]['ns_per_cell'] > 0.0
+        assert result[part]['cells'] > 100_000
+    assert result['scene']['scans'] == 100
+    assert result['bag']['scans'] == 1158
+
+
+def write_scan_only_bag(path):
+    from ogm_mcmc.io import ros_types
+    from ogm_mcmc.io.bags import BagWriter
+
+    with BagWriter(path) as bag:
+        ranges = np.ones(3, np.float32)
+        scan = ros_types.laser_scan(
+            1, 'laser', ranges, angle_min=0.0, angle_increment=0.1, range_max=5.0
+        )
+        bag.write('/scan', ros_types.SCAN, 1, scan)
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'reason'),
+    [
+        (['map', 'nowhere', '-o', 'out'], 'nowhere: no such file or folder'),
+        (['map', 'notes.txt', '-o', 'out'], 'notes.txt'),
+        (['map', 'scans_only', '-o', 'out'], 'no poses in it'),
+        (['map', '{bag}', '-o', 'notes.txt/out'], 'expected a writable folder'),
+        (['map', '{bag}', '-o', 'out', '--resolution', '0'], 'resolution is 0.0'),
+        (['map', '{bag}', '-o', 'out', '--resolution', 'fine'], 'resolution'),
+        (['map', '{bag}', '-o', 'out', '--free-thresh', '0.25'], 'free_thresh is 0.25'),
+        (['map', '{bag}', '-o', 'out', '--method', 'magic'], 'magic'),
+        (['map', '{bag}', '-o', 'out', '--scan-topic', '/pose'], 'has type'),
+        (['map', '{bag}', '-o', 'out', '--scan-topic', '/front'], 'no scans in it on /front'),
+        (['map', '{bag}', '-o', 'out', '--params-file', 'notes.txt'], 'notes.txt'),
+        (['map', '{bag}', '-o', 'out', '--max-cells', '5000'], 'max_cells'),
+        (['import-carmen', 'notes.txt', '-o', 'out'], 'no laser line in it'),
+        (['import-carmen', 'nowhere.log', '-o', 'out'], 'nowhere.log'),
+        (['import-carmen', 'cut.log', '-o', 'out'], 'line 3'),
+        (['info', 'notes.txt'], 'notes.txt'),
+        (['replay', 'nowhere'], 'nowhere: no such file or folder'),
+        (['bench', 'online', '--scene', 'notes.txt'], 'expected an NPZ'),
+        (['simulate', 'moon', '-o', 'out'], 'moon'),
+        (['demo', 'nowhere.log'], 'nowhere.log'),
+        ([], 'COMMAND'),
+    ],
+    ids=lambda value: ' '.join(value)[:40] if isinstance(value, list) else '',
+)
+def test_a_mistake_is_one_line_and_leaves_nothing(
+    run_cli, office_bag, tmp_path, arguments, reason
+):
+    (tmp_path / 'notes.txt').write_text('nothing of use\n')
+    (tmp_path / 'cut.log').write_text(CARMEN[:-40])
+    write_scan_only_bag(tmp_path / 'scans_only')
+    before = sorted(tmp_path.rglob('*'))
+    done = run_cli(*(argument.format(bag=office_bag) for argument in arguments))
+    assert reason in error_of(done)
+    left = [path for path in sorted(tmp_path.rglob('*')) if path not in before]
+    assert [path for path in left if path.is_file()] == []
+
+
+def test_an_existing_bag_is_not_overwritten_by_accident(run_cli, tmp_path):
+    (tmp_path / 'a.log').write_text(CARMEN)
+    assert run_cli('import-carmen', 'a.log', '-o', 'bag').returncode == 0
+    assert 'exists already' in error_of(run_cli('import-carmen', 'a.log', '-o', 'bag'))
+    assert run_cli('import-carmen', 'a.log', '-o', 'bag', '--overwrite').returncode == 0
