@@ -243,8 +243,15 @@ class MapperConfig:
     step: StepModelConfig = StepModelConfig()
 
     def __post_init__(self) -> None:
-        """Refuse what is out of bounds."""
+        """Refuse what is out of bounds or contradicts itself."""
         check_bounds(self)
+        prior_log_odds = math.log(self.prior) - math.log1p(-self.prior)
+        require(
+            abs(prior_log_odds) <= self.log_odds_limit,
+            'log_odds_limit',
+            self.log_odds_limit,
+            f'must not be below the log-odds of the prior ({abs(prior_log_odds):.3g})',
+        )
 
 
 @dataclass(frozen=True)

@@ -53,7 +53,17 @@ def run_cli(tmp_path):
     return run
 
 
+def forget_stale_kernels() -> None:
+    """Numba's cache does not notice an edit in another module's kernel: we do."""
+    kernels = (ROOT / 'ogm_mcmc').rglob('*_kernels.py')
+    newest = max(path.stat().st_mtime for path in kernels)
+    for path in (ROOT / 'ogm_mcmc').rglob('*.nb[ic]'):
+        if path.stat().st_mtime < newest:
+            path.unlink()
+
+
 def pytest_configure(config) -> None:
+    forget_stale_kernels()
     # Before rclpy is first imported: a domain of our own, on this machine only.
     os.environ.setdefault('ROS_DOMAIN_ID', str(20 + os.getpid() % 80))
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'

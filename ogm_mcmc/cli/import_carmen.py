@@ -47,10 +47,11 @@ def describe(summary: ImportSummary) -> str:
     share = summary.no_return / max(1, summary.readings)
     codes = ', '.join(f'{count} at {code} m' for code, count in summary.no_return_codes_m.items())
     scans = ', '.join(f'{count} on {topic}' for topic, count in summary.scans.items())
+    reach = ', '.join(f'{value:g}' for value in summary.range_max_m.values())
     lines = [
         f'{summary.source} -> {summary.bag}',
         f'  scans         {scans}; {summary.beams} beams, {summary.angle_increment_deg} degrees '
-        f'apart, range_max {summary.range_max_m:g} m',
+        f'apart, range_max {reach} m',
         f'  no return     {summary.no_return} of {summary.readings} readings ({share:.1%}) -> inf'
         + (f': {codes}' if codes else ''),
     ]

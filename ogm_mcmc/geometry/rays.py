@@ -55,7 +55,9 @@ def cast_rays(
     `no_return_clears` says whether +inf does.
     Raises GridError when a ray is longer than 2**18 cells or the sensor absurdly far away.
     """
-    reach = min(scan.range_max_m, max_range_m) if max_range_m > 0.0 else scan.range_max_m
+    reach = scan.range_max_m
+    if max_range_m > 0.0:
+        reach = float(min(reach, max_range_m))
     cells_per_m = 1.0 / spec.resolution_m
     sensor_x = (sensor.x_m - spec.anchor_x_m) * cells_per_m
     sensor_y = (sensor.y_m - spec.anchor_y_m) * cells_per_m
@@ -68,6 +70,11 @@ def cast_rays(
         raise GridError(f'pose ({sensor.x_m:g}, {sensor.y_m:g}): too far from the map to place')
     column, row = math.floor(sensor_x), math.floor(sensor_y)
     x, y = sensor_x - column, sensor_y - row
+    # The tiniest negative numbers are a whole cell above their floor, in floating point.
+    if x == 1.0:
+        column, x = column + 1, 0.0
+    if y == 1.0:
+        row, y = row + 1, 0.0
     ends = np.empty((2, scan.ranges_m.size))
     hit = np.empty(scan.ranges_m.size, np.uint8)
     count, left, bottom, right, top = beam_ends(

@@ -11,9 +11,14 @@ import math
 import numpy as np
 from numba import njit
 
-FRACTION_BITS = 44
+FRACTION_BITS = 40
 UNIT = float(2**FRACTION_BITS)
 SHIFT = np.int64(FRACTION_BITS)
+STEEPEST = 2.0**20  # columns per row; more only happens to rays that cross one border
+
+# What `plan_ray` writes.
+HERE, END, LEAVING, STEP, RIGHTWARDS, FIRST_ROW, ROWS_UP = range(7)
+PLAN_SIZE = 7
 
 WORD = np.uint64(6)  # 64 cells of a row share one word of the bit set
 IN_WORD = np.uint64(63)
@@ -39,41 +44,79 @@ def mark_run(bits, row_start, first, last):
         bits[last_word] |= to_last
 
 
-@njit(cache=True, nogil=True)
-def mark_ray(bits, words_per_row, column, row, x0, y0, x1, y1):
-    """Set the bit of every cell the segment crosses, one run of columns per row.
+@njit(cache=True, nogil=True, inline='always')
+def plan_ray(column, row, x0, y0, x1, y1, plan):
+    """Prepare a segment for walking upwards, row by row.
 
-    bits  (height * words_per_row,) uint64, bit c of a row at word c // 64, position c % 64
-    Cost: one OR per crossed row, more where a run spans several words.
+    plan  (7,) int64, output. Columns are in units of 2**-40 cells, see the names above:
+          HERE where the walk begins, END where it ends, LEAVING where it leaves the first row,
+          STEP how much further right it leaves each row after that; RIGHTWARDS whether STEP
+          goes that way; FIRST_ROW; ROWS_UP how many rows come after the first.
+    Planning all rays of a scan before walking any keeps divisions off the walks' critical path.
     """
     if y1 < y0:
         x0, x1, y0, y1 = x1, x0, y1, y0
     first_row = math.floor(y0)
-    steps = math.floor(y1) - first_row
-    start = np.uint64(row + first_row) * words_per_row
+    rows_up = math.floor(y1) - first_row
     shift = np.int64(column) << SHIFT
     here = np.int64(math.floor(x0 * UNIT)) + shift
     end = np.int64(math.floor(x1 * UNIT)) + shift
-    if steps == 0:
+    leaving, step = here, np.int64(0 if x1 >= x0 else -1)
+    if rows_up > 0:
+        slope = (x1 - x0) / (y1 - y0)
+        up = first_row + 1 - y0
+        # A segment can pass a border at an angle that is no float; its share of the way still is.
+        across = up * slope if abs(slope) < STEEPEST else up / (y1 - y0) * (x1 - x0)
+        edge = (x0 + across) * UNIT
+        # Rounded towards where the walk began, and never past its end: whatever the rounding,
+        # no cell outside of the segment's own columns is touched.
+        if x1 >= x0:
+            leaving = min(np.int64(math.floor(edge)) + shift, end)
+            if rows_up > 1:
+                step = np.int64(slope * UNIT)
+                if leaving + (rows_up - 1) * step > end:
+                    step = (end - leaving) // (rows_up - 1)
+            # The cell right of an edge met exactly belongs to the row above. A walk straight up
+            # along such an edge stays on its right: an odd number of units is never on an edge.
+            if leaving <= here:
+                leaving = here
+            if leaving == here or (step == 0 and rows_up > 1):
+                leaving |= np.int64(1)
+        else:
+            leaving = max(min(np.int64(math.ceil(edge)) + shift, here), end)
+            if rows_up > 1:
+                step = min(np.int64(slope * UNIT), np.int64(-1))
+                if leaving + (rows_up - 1) * step < end:
+                    step = -((leaving - end) // (rows_up - 1))
+    plan[HERE] = here
+    plan[END] = end
+    plan[LEAVING] = leaving
+    plan[STEP] = step
+    plan[RIGHTWARDS] = x1 >= x0
+    plan[FIRST_ROW] = row + first_row
+    plan[ROWS_UP] = rows_up
+
+
+@njit(cache=True, nogil=True, inline='always')
+def mark_plan(bits, words_per_row, plan):
+    """Set the bit of every cell of a planned segment, one run of columns per row."""
+    here, end, leaving, step = plan[HERE], plan[END], plan[LEAVING], plan[STEP]
+    rows_up = plan[ROWS_UP]
+    start = np.uint64(plan[FIRST_ROW]) * words_per_row
+    if rows_up == 0:
         left, right = min(here, end), max(here, end)
         mark_run(bits, start, np.uint64(left >> SHIFT), np.uint64(right >> SHIFT))
-        return
-    slope = (x1 - x0) / (y1 - y0)
-    # Where the segment leaves the first row; a row's upper edge belongs to the row above.
-    leaving = np.int64(math.floor((x0 + (first_row + 1 - y0) * slope) * UNIT)) + shift
-    step = np.int64(slope * UNIT) if steps > 1 else np.int64(0)
-    if slope >= 0.0:
+    elif plan[RIGHTWARDS]:
         first = here >> SHIFT
-        for _ in range(steps):
-            last = max((leaving - 1) >> SHIFT, first)
-            mark_run(bits, start, np.uint64(first), np.uint64(last))
+        for _ in range(rows_up):
+            mark_run(bits, start, np.uint64(first), np.uint64((leaving - 1) >> SHIFT))
             first = leaving >> SHIFT
             leaving += step
             start += words_per_row
         mark_run(bits, start, np.uint64(first), np.uint64(max(first, end >> SHIFT)))
     else:
         last = here >> SHIFT
-        for _ in range(steps):
+        for _ in range(rows_up):
             first = leaving >> SHIFT
             mark_run(bits, start, np.uint64(first), np.uint64(last))
             last = first
@@ -83,42 +126,45 @@ def mark_ray(bits, words_per_row, column, row, x0, y0, x1, y1):
 
 
 @njit(cache=True, nogil=True)
+def mark_ray(bits, words_per_row, column, row, x0, y0, x1, y1):
+    """Set the bit of every cell the segment crosses.
+
+    bits  (height * words_per_row,) uint64, bit c of a row at word c // 64, position c % 64
+    Cost: one OR per crossed row, more where a run spans several words.
+    """
+    plan = np.empty(PLAN_SIZE, np.int64)
+    plan_ray(column, row, x0, y0, x1, y1, plan)
+    mark_plan(bits, words_per_row, plan)
+
+
+@njit(cache=True, nogil=True)
 def trace_ray(column, row, x0, y0, x1, y1, columns, rows):
     """List the cells the segment crosses in the order it crosses them; return their number.
 
     columns, rows  (n,) int64, output; n at least |dx| + |dy| + 3 cells
-    The same arithmetic as `mark_ray`, so the same cells.
+    The same plan as `mark_ray`, so the same cells.
     """
-    downwards = y1 < y0
-    if downwards:
-        x0, x1, y0, y1 = x1, x0, y1, y0
-    first_row = math.floor(y0)
-    steps = math.floor(y1) - first_row
-    shift = np.int64(column) << SHIFT
-    here = np.int64(math.floor(x0 * UNIT)) + shift
-    end = np.int64(math.floor(x1 * UNIT)) + shift
-    slope = (x1 - x0) / (y1 - y0) if steps > 0 else 0.0
-    leaving = np.int64(math.floor((x0 + (first_row + 1 - y0) * slope) * UNIT)) + shift
-    step = np.int64(slope * UNIT) if steps > 1 else np.int64(0)
-    entering = here >> SHIFT
+    plan = np.empty(PLAN_SIZE, np.int64)
+    plan_ray(column, row, x0, y0, x1, y1, plan)
+    leaving, step, end = plan[LEAVING], plan[STEP], plan[END] >> SHIFT
+    entering = plan[HERE] >> SHIFT
+    rows_up, rightwards = plan[ROWS_UP], plan[RIGHTWARDS]
     count = 0
-    for k in range(steps + 1):
-        if k == steps:
-            target = end >> SHIFT
-            if steps > 0:
-                target = max(entering, target) if slope >= 0.0 else min(entering, target)
-        elif slope >= 0.0:
-            target = max((leaving - 1) >> SHIFT, entering)
+    for k in range(rows_up + 1):
+        if k == rows_up:
+            target = end
+            if rows_up > 0:
+                target = max(entering, end) if rightwards else min(entering, end)
         else:
-            target = leaving >> SHIFT
+            target = (leaving - 1) >> SHIFT if rightwards else leaving >> SHIFT
         direction = 1 if target >= entering else -1
         for cell in range(entering, target + direction, direction):
             columns[count] = cell
-            rows[count] = row + first_row + k
+            rows[count] = plan[FIRST_ROW] + k
             count += 1
         entering = leaving >> SHIFT
         leaving += step
-    if downwards:
+    if y1 < y0:
         columns[:count] = columns[:count][::-1].copy()
         rows[:count] = rows[:count][::-1].copy()
     return count

@@ -209,8 +209,21 @@ class BagWriter:
 
     def __enter__(self) -> Self:
         """Start writing."""
-        self._writer.open()
+        try:
+            with self._explained():
+                self._writer.open()
+        except OutputError:
+            shutil.rmtree(self._folder, ignore_errors=True)
+            raise
         return self
+
+    @contextlib.contextmanager
+    def _explained(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            reason = error.strerror or error
+            raise OutputError(f'{self.path}: cannot be written ({reason})') from error
 
     def note(self, key: str, value: str) -> None:
         """Keep a remark in the bag's metadata."""
@@ -223,7 +236,8 @@ class BagWriter:
                 topic, msgtype, typestore=TYPESTORE
             )
         data = TYPESTORE.serialize_cdr(message, msgtype)
-        self._writer.write(self._connections[topic], time_ns, data)
+        with self._explained():
+            self._writer.write(self._connections[topic], time_ns, data)
 
     def __exit__(
         self,
@@ -233,12 +247,11 @@ class BagWriter:
     ) -> None:
         """Put the bag in place, or leave nothing behind after an error."""
         try:
-            self._writer.__exit__(kind, error, trace)
-            if kind is None:
-                if self.path.exists():
-                    shutil.rmtree(self.path)
-                (self._folder / self.path.name).replace(self.path)
-        except OSError as problem:
-            raise OutputError(f'{self.path}: cannot be written ({problem.strerror})') from problem
+            with self._explained():
+                self._writer.__exit__(kind, error, trace)
+                if kind is None:
+                    if self.path.exists():
+                        shutil.rmtree(self.path)
+                    (self._folder / self.path.name).replace(self.path)
         finally:
             shutil.rmtree(self._folder, ignore_errors=True)

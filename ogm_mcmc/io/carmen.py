@@ -173,10 +173,13 @@ class _LineReader:
             raise self.fault(line, f'{name} is {words[index]!r}', 'a finite number')
         return value
 
-    def count(self, line: int, words: list[str], index: int, name: str) -> int:
+    def count(
+        self, line: int, words: list[str], index: int, name: str, *, at_least: int = 1
+    ) -> int:
         value = self.number(line, words, index, name)
-        if value != int(value) or value < 1:
-            raise self.fault(line, f'{name} is {words[index]!r}', 'a whole number above 0')
+        if value != int(value) or value < at_least:
+            expected = f'a whole number of {at_least} or more'
+            raise self.fault(line, f'{name} is {words[index]!r}', expected)
         if index + int(value) >= len(words):
             raise IndexError
         return int(value)
@@ -228,7 +231,7 @@ class _LineReader:
             for index, name in ((2, 'start angle'), (4, 'resolution'), (5, 'maximum range'))
         )
         count = self.count(line, words, 8, 'number of readings')
-        remissions = int(self.number(line, words, 9 + count, 'number of remissions'))
+        remissions = self.count(line, words, 9 + count, 'number of remissions', at_least=0)
         end = 10 + count + remissions
         return LogScan(
             line,
@@ -271,7 +274,7 @@ class _LineReader:
     def odometry(self, line: int, words: list[str]) -> LogOdometry:
         """ODOM x y theta [tv rv accel] time [host logger_time]."""
         pose = self.pose(line, words, 1)
-        if len(words) < 8:
+        if len(words) == 5:
             return LogOdometry(line, self.number(line, words, 4, 'time'), pose)
         return LogOdometry(
             line,

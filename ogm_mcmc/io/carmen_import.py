@@ -12,7 +12,7 @@ import math
 from collections import Counter
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from ogm_mcmc.io.carmen import CarmenLog, LogOdometry, LogScan, read_carmen
 __all__ = ['ImportOptions', 'ImportSummary', 'import_carmen', 'strictly_increasing', 'systematic']
 
 NS_PER_S = 1_000_000_000
+MAX_STAMP_S = 2.0**31 - 1.0
 
 # Readings of a SICK LMS from here on are codes, not distances (centimetre and millimetre mode).
 CODES_FROM_M = {81.8: 80.0, 8.18: 8.0}
@@ -42,6 +43,9 @@ class ImportOptions:
 
     def __post_init__(self) -> None:
         """Refuse what makes no sense."""
+        numbers = (self.range_max_m, self.repeat_step_s, self.time_offset_s)
+        if not all(map(math.isfinite, numbers)):
+            raise ConfigError(f'range_max, repeat_step, time_offset {numbers}: expected finite')
         if self.range_max_m < 0.0 or self.repeat_step_s <= 0.0 or self.particles < 0:
             raise ConfigError('expected range_max >= 0, particles >= 0 and a positive repeat_step')
 
@@ -55,7 +59,7 @@ class ImportSummary:
     scans: dict[str, int] = field(default_factory=dict)
     beams: list[int] = field(default_factory=list)
     angle_increment_deg: list[float] = field(default_factory=list)
-    range_max_m: float = 0.0
+    range_max_m: dict[str, float] = field(default_factory=dict)
     readings: int = 0
     no_return: int = 0
     no_return_codes_m: dict[str, int] = field(default_factory=dict)
@@ -111,14 +115,15 @@ def strictly_increasing(
                 gap = max(1, min(gap, (stamps[order[following]] - stamp) // len(repeated)))
             spread.update({index: stamp + k * gap for k, index in enumerate(repeated)})
     order.sort(key=lambda index: spread.get(index, stamps[index]))
-    mended: list[int] = []
+    mended: dict[int, int] = {}
     last_of_kind: dict[str, int] = {}
     for index in order:
         # Stamps closer together than the spread needs (nanoseconds) are pushed on.
         stamp = max(spread.get(index, stamps[index]), last_of_kind.get(kinds[index], -1) + 1)
         last_of_kind[kinds[index]] = stamp
-        mended.append(stamp)
-    return order, mended, repeats
+        mended[index] = stamp
+    order.sort(key=mended.__getitem__)
+    return order, [mended[index] for index in order], repeats
 
 
 def import_carmen(
@@ -128,8 +133,7 @@ def import_carmen(
     log = read_carmen(log_path)
     summary = ImportSummary(str(log_path), str(bag_path), left_alone=dict(log.left_alone))
     summary.odometry_echoes = log.echoes
-    threshold, range_max = _ranges_of(log, options)
-    summary.range_max_m = range_max
+    reach = _ranges_of(log, options)
     order, stamps = _stamp(log, options, summary)
     names = _topic_names(log)
     with BagWriter(bag_path, overwrite=overwrite) as bag:
@@ -142,8 +146,7 @@ def import_carmen(
                 bag.write('/odom', ros_types.ODOMETRY, stamp_ns, message)
                 summary.odometry += 1
             else:
-                ranges = _ros_ranges(record, threshold, range_max, summary)
-                _write_scan(bag, record, ranges, stamp_ns, names, range_max, options, summary)
+                _write_scan(bag, record, stamp_ns, names, reach[record.laser], options, summary)
         bag.note('source', str(log_path.name))
         bag.note('no_return_readings', str(summary.no_return))
     summary.beams = sorted({scan.ranges_m.size for scan in log.scans})
@@ -159,30 +162,44 @@ def _topic_names(log: CarmenLog) -> dict[str, str]:
     return {laser: '' if k == 0 else f'_{laser}' for k, laser in enumerate(lasers)}
 
 
-def _ranges_of(log: CarmenLog, options: ImportOptions) -> tuple[float, float]:
-    """Return (readings from here on mean "no return", range_max of the scans)."""
-    readings = np.concatenate([scan.ranges_m for scan in log.scans])
-    readings = readings[np.isfinite(readings)]
-    named = max(scan.max_range_m for scan in log.scans)
-    if named > 0.0:
-        threshold, range_max = named, named
-    else:
+class LaserRange(NamedTuple):
+    """Readings from `no_return_m` on mean that nothing was hit; the scans' `range_max_m`."""
+
+    no_return_m: float
+    range_max_m: float
+
+
+def _ranges_of(log: CarmenLog, options: ImportOptions) -> dict[str, LaserRange]:
+    """Find for each laser which readings are codes and how far it reaches."""
+    found = {}
+    for laser in dict.fromkeys(scan.laser for scan in log.scans):
+        scans = [scan for scan in log.scans if scan.laser == laser]
+        readings = np.concatenate([scan.ranges_m for scan in scans])
+        readings = readings[np.isfinite(readings)]
         largest = float(readings.max(initial=0.0))
-        # A SICK that counts millimetres tops out at 8.191 m.
-        threshold = 8.18 if 8.18 <= largest < 8.2 else 81.8
-        valid = readings[readings < threshold]
-        range_max = max(CODES_FROM_M[threshold], float(valid.max(initial=0.0)))
-    if options.range_max_m > 0.0:
-        range_max = options.range_max_m
-    return threshold, range_max
+        # A SICK that counts millimetres tops out at 8.191 m, one that counts centimetres at 81.91.
+        code = 8.18 if 8.18 <= largest < 8.2 else 81.8
+        no_return, nominal = code, CODES_FROM_M[code]
+        # CARMEN's own driver names 81.9 m for every SICK, more than its code for "nothing".
+        named = max(scan.max_range_m for scan in scans)
+        if 0.0 < named < code:
+            no_return = nominal = named
+        beyond = readings[readings < no_return].max(initial=0.0)
+        range_max = options.range_max_m or max(nominal, float(beyond))
+        found[laser] = LaserRange(no_return, range_max)
+    return found
 
 
 def _stamp(
     log: CarmenLog, options: ImportOptions, summary: ImportSummary
 ) -> tuple[list[int], list[int]]:
     times = [record.time_s + options.time_offset_s for record in log.records]
-    if min(times) < 0.0:
-        raise LogError(f'{log.path}: a time is {min(times):g} s: expected none below 0')
+    for time in (min(times), max(times)):
+        if not 0.0 <= time < MAX_STAMP_S:
+            raise LogError(
+                f'{log.path}: a time is {time:g} s: expected 0 to {MAX_STAMP_S:g} s, '
+                'what a ROS stamp holds'
+            )
     kinds = [
         'odometry' if isinstance(record, LogOdometry) else record.laser for record in log.records
     ]
@@ -200,12 +217,10 @@ def _stamp(
     return order, stamps
 
 
-def _ros_ranges(
-    scan: LogScan, threshold: float, range_max: float, summary: ImportSummary
-) -> Float32Array:
+def _ros_ranges(scan: LogScan, no_return_m: float, summary: ImportSummary) -> Float32Array:
     """REP 117: no return becomes inf; a valid reading beyond a chosen range_max stays as it is."""
     ranges = scan.ranges_m.astype(np.float32)
-    missing = scan.ranges_m >= threshold
+    missing = scan.ranges_m >= no_return_m
     ranges[missing] = np.inf
     summary.readings += ranges.size
     summary.no_return += int(missing.sum())
@@ -219,15 +234,15 @@ def _ros_ranges(
 def _write_scan(
     bag: BagWriter,
     scan: LogScan,
-    ranges: Float32Array,
     stamp_ns: int,
     names: dict[str, str],
-    range_max: float,
+    reach: LaserRange,
     options: ImportOptions,
     summary: ImportSummary,
 ) -> None:
     suffix = names[scan.laser]
     frame = f'laser{suffix}'
+    ranges = _ros_ranges(scan, reach.no_return_m, summary)
     belief = scan.particles
     mean: Pose2D = scan.laser_pose if belief is None else belief.mean()
     covariance = np.zeros((3, 3)) if belief is None else belief.covariance()
@@ -257,10 +272,11 @@ def _write_scan(
             ranges,
             angle_min=scan.start_angle_rad,
             angle_increment=scan.increment_rad,
-            range_max=range_max,
+            range_max=reach.range_max_m,
         ),
     )
     topic = f'scan{suffix}'
+    summary.range_max_m[topic] = reach.range_max_m
     summary.scans[topic] = summary.scans.get(topic, 0) + 1
 
 

@@ -1,9 +1,10 @@
 """Map files exactly as nav2_map_server reads and writes them, and PNG and NPZ beside.
 
 The image's top row is the map's highest y. In `trinary` a pixel is 0 (occupied), 205 (unknown)
-or 254 (free). The reader's probability of a pixel is (255 - x) / 255, so 205 reads as 0.196078:
-with the widespread `free_thresh` 0.25 every unknown cell would come back as free. We write 0.196,
-and refuse to save with a threshold that would lose the unknown cells.
+or 254 (free). The reader takes p = (255 - x) / 255 of a pixel, occupied above `occupied_thresh`
+and free below `free_thresh`. Grey 205 reads as 0.196078: with the widespread `free_thresh` 0.25
+every unknown cell would come back as free. We write 0.196, and refuse to save with thresholds
+that would lose a kind of cell.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ __all__ = ['load_map', 'replacing', 'save_map', 'save_npz', 'trinary_pixels', 'w
 
 OCCUPIED, UNKNOWN, FREE = 0, 205, 254
 UNKNOWN_READS_AS = (255 - UNKNOWN) / 255.0
+FREE_READS_AS = (255 - FREE) / 255.0
 
 
 @contextlib.contextmanager
@@ -83,6 +85,12 @@ def trinary_pixels(grid_map: GridMap, output: OutputConfig) -> UInt8Array:
             f'occupied_thresh is {output.occupied_thresh}: expected above '
             f'{UNKNOWN_READS_AS:.6f}, or unknown cells (grey 205) would be read back as occupied'
         )
+    if output.free_thresh <= FREE_READS_AS or output.occupied_thresh >= 1.0:
+        raise ConfigError(
+            f'free_thresh is {output.free_thresh}, occupied_thresh {output.occupied_thresh}: '
+            f'expected above {FREE_READS_AS:.6f} and below 1, or no cell would be read back as '
+            'free or occupied'
+        )
     values = trinary_values(grid_map.probability, output.occupied_thresh, output.free_thresh)
     pixels = np.full(values.shape, UNKNOWN, np.uint8)
     pixels[values == 0] = FREE
@@ -135,9 +143,9 @@ def save_map(
 def save_npz(grid_map: GridMap, path: Path, settings: dict[str, Any]) -> Path:
     """Write the probabilities (nan: never measured), the grid and the settings that made them."""
     spec = grid_map.spec
-    with replacing(path) as temporary:
+    with replacing(path) as temporary, temporary.open('wb') as stream:
         np.savez_compressed(
-            temporary,
+            stream,
             probability=grid_map.probability,
             resolution=spec.resolution_m,
             origin=np.array([spec.origin_x_m, spec.origin_y_m, 0.0]),
@@ -164,12 +172,15 @@ def load_map(path: Path) -> GridMap:
     try:
         with Image.open(image_path) as image:
             pixels = np.asarray(image.convert('L'), np.float64)[::-1]
-    except OSError as error:
-        raise MapFileError(f'{image_path}: expected a readable image') from error
+    except (OSError, ValueError, Image.DecompressionBombError) as error:
+        reason = ' '.join(str(error).split())
+        raise MapFileError(f'{image_path}: expected a readable image ({reason})') from error
     try:
         origin = [float(value) for value in fields['origin']]
         resolution = float(fields['resolution'])
-        thresholds = float(fields['free_thresh']), float(fields['occupied_thresh'])
+        free, occupied = float(fields['free_thresh']), float(fields['occupied_thresh'])
+        if not free < occupied:
+            raise ValueError(f'free_thresh {free}, occupied_thresh {occupied}: expected one below')
         spec = GridSpec(
             resolution,
             pixels.shape[1],
@@ -179,8 +190,8 @@ def load_map(path: Path) -> GridMap:
         )
     except (TypeError, ValueError, IndexError) as error:
         raise MapFileError(f'{path}: {error}') from error
-    occupied = (pixels if fields['negate'] else 255.0 - pixels) / 255.0
+    darkness = (pixels if fields['negate'] else 255.0 - pixels) / 255.0
     probability = np.full(pixels.shape, np.nan, np.float32)
-    probability[occupied <= thresholds[0]] = 0.0
-    probability[occupied >= thresholds[1]] = 1.0
+    probability[darkness < free] = 0.0
+    probability[darkness > occupied] = 1.0
     return GridMap(spec, probability)

@@ -13,6 +13,9 @@ __all__ = ['LogOddsGrid']
 # Columns grow in whole words of the bit sets, rows likewise for symmetry.
 BLOCK = 64
 
+# The fixed-point traversal keeps 23 bits for whole columns of the array.
+MAX_SIDE = 2**22
+
 
 class LogOddsGrid:
     """Log-odds (height, width) float32, nan where nothing was ever measured.
@@ -59,6 +62,11 @@ class LogOddsGrid:
                     wanted.column1 + (columns // 8 if wanted.column1 > old.column1 else 0),
                     wanted.row1 + (rows // 8 if wanted.row1 > old.row1 else 0),
                 )
+            )
+        if max(tight.column1 - tight.column0, tight.row1 - tight.row0) > MAX_SIDE:
+            raise GridError(
+                f'map would grow to {tight.column1 - tight.column0} x {tight.row1 - tight.row0} '
+                f'cells: expected at most {MAX_SIDE} along a side'
             )
         target = roomy if _cells(roomy) <= self.max_cells else tight
         if _cells(target) > self.max_cells:

@@ -10,7 +10,15 @@ import math
 import numpy as np
 from numba import njit
 
-from ogm_mcmc.geometry.traversal_kernels import IN_WORD, ONE, WORD, mark_ray, trace_ray
+from ogm_mcmc.geometry.traversal_kernels import (
+    IN_WORD,
+    ONE,
+    PLAN_SIZE,
+    WORD,
+    mark_plan,
+    plan_ray,
+    trace_ray,
+)
 
 ONE32 = np.uint32(1)
 
@@ -58,13 +66,18 @@ def fuse_per_scan(
     column, row  cell of the sensor in the array; x, y, ends, hit, n_rays as in `Rays`
     """
     words_per_row = np.uint64(log_odds.shape[1] // 64)
+    plans = np.empty((n_rays, PLAN_SIZE), np.int64)
     left = right = bottom = top = 0.0
     for ray in range(n_rays):
         end_x, end_y = ends[0, ray], ends[1, ray]
-        mark_ray(free, words_per_row, column, row, x, y, end_x, end_y)
+        plan_ray(column, row, x, y, end_x, end_y, plans[ray])
         left, right = min(left, end_x), max(right, end_x)
         bottom, top = min(bottom, end_y), max(top, end_y)
+    for ray in range(n_rays):
+        mark_plan(free, words_per_row, plans[ray])
 
+    hit_words = np.empty(n_rays, np.uint64)
+    n_hits = 0
     for ray in range(n_rays):
         if hit[ray]:
             c = np.uint64(column + math.floor(ends[0, ray]))
@@ -75,12 +88,10 @@ def fuse_per_scan(
             if not hits[word] & bit:
                 hits[word] |= bit
                 log_odds[r, c] = updated(log_odds[r, c], l_occ, prior, limit)
-    for ray in range(n_rays):
-        if hit[ray]:
-            c = np.uint64(column + math.floor(ends[0, ray]))
-            r = np.uint64(row + math.floor(ends[1, ray]))
-            hits[r * words_per_row + (c >> WORD)] = 0
-
+                hit_words[n_hits] = word
+                n_hits += 1
+    for k in range(n_hits):
+        hits[hit_words[k]] = 0
     add_misses(
         log_odds,
         free,

@@ -1,0 +1,145 @@
+"""Logs that are broken: one line that says where and what was expected."""
+
+import gzip
+import random
+
+import pytest
+
+from ogm_mcmc.errors import LogError, OgmError
+from ogm_mcmc.io.carmen import read_carmen
+
+REST = ' '.join(['2.5'] * 179)
+FLASER = f'FLASER 180 0.5 {REST} 1.25 -2.5 0.75 70 80 0.9 12.5 host 0.25'
+ROBOTLASER = (
+    'ROBOTLASER1 0 -1.5 3.0 0.25 50.0 0.01 0 3 1.0 60.0 2.0 2 900 901 '
+    '1.25 -2.5 0.75 70 80 0.9 0.1 0.2 0.3 0.4 0.5 13.5 host 0.25'
+)
+LASER_READING = f'LASER_READING 180 0.5 {REST} 1.25 -2.5 0.75 12.5'
+SM_UPDATE = 'SM_UPDATE 2 1 2 0.5 -3.5 3 4 -0.5 -4.5'
+ODOM = 'ODOM 1.5 2.5 0.5 0.25 -0.125 9.0 12.75 host 0.5'
+
+
+def message_of(path):
+    with pytest.raises(LogError) as caught:
+        read_carmen(path)
+    message = str(caught.value)
+    assert isinstance(caught.value, OgmError)
+    assert str(path) in message
+    assert 'expected' in message
+    assert '\n' not in message
+    return message
+
+
+def fault_in_line_2(write_log, line):
+    message = message_of(write_log(FLASER, line, FLASER))
+    assert 'line 2' in message
+    return message
+
+
+@pytest.mark.parametrize(
+    ('line', 'words_needed'),
+    [(FLASER, 189), (ROBOTLASER, 27), (LASER_READING, 186), (SM_UPDATE, 10), (ODOM, 5)],
+    ids=['FLASER', 'ROBOTLASER1', 'LASER_READING', 'SM_UPDATE', 'ODOM'],
+)
+def test_line_cut_off_anywhere(write_log, line, words_needed):
+    words = line.split()
+    assert read_carmen(write_log(FLASER, ' '.join(words[:words_needed])))
+    for kept in range(1, words_needed):
+        message = fault_in_line_2(write_log, ' '.join(words[:kept]))
+        assert words[0] in message
+        assert 'too early' in message
+
+
+@pytest.mark.parametrize('kept', [6, 7])
+def test_odometry_cut_off_before_its_time(write_log, kept):
+    """`ODOM x y theta tv rv` is no line of either format; tv must not be taken for the time."""
+    fault_in_line_2(write_log, ' '.join(ODOM.split()[:kept]))
+
+
+@pytest.mark.parametrize(
+    ('line', 'field'),
+    [
+        (FLASER.replace(' 1.25 ', ' 1,25 '), 'x'),
+        (FLASER.replace(' -2.5 ', ' nan '), 'y'),
+        (FLASER.replace(' 0.75 ', ' inf '), 'theta'),
+        (FLASER.replace(' 12.5 ', ' soon '), 'time'),
+        (FLASER.replace(' 12.5 ', ' nan '), 'time'),
+        (FLASER.replace(' 0.5 ', ' 0.5.5 '), 'range'),
+        (ROBOTLASER.replace(' -1.5 ', ' left '), 'start angle'),
+        (ROBOTLASER.replace(' 0.25 50', ' nan 50'), 'resolution'),
+        (ROBOTLASER.replace(' 50.0 ', ' far '), 'maximum range'),
+        (ROBOTLASER.replace(' 2.0 2 ', ' 2.0 two '), 'remissions'),
+        (ROBOTLASER.replace(' 1.25 ', ' -inf '), 'x'),
+        (ODOM.replace(' 0.25 ', ' fast '), 'tv'),
+        (ODOM.replace(' -0.125 ', ' nan '), 'rv'),
+        (ODOM.replace(' 12.75 ', ' 1e999 '), 'time'),
+        (SM_UPDATE.replace(' -3.5 ', ' nan '), 'particle'),
+        (SM_UPDATE.replace(' 0.5 ', ' inf '), 'particle'),
+        (SM_UPDATE.replace(' 0.5 ', ' x '), 'number'),
+    ],
+)
+def test_number_that_is_none(write_log, line, field):
+    assert field in fault_in_line_2(write_log, line)
+
+
+@pytest.mark.parametrize('count', ['-3', '0', '2.5', 'nan', 'inf', 'many', '4000', '1e300'])
+@pytest.mark.parametrize('line', [FLASER, LASER_READING, ROBOTLASER, SM_UPDATE])
+def test_count_that_cannot_be(write_log, line, count):
+    number = {'FLASER': '180', 'LASER_READING': '180', 'ROBOTLASER1': '3', 'SM_UPDATE': '2'}
+    kind = line.split()[0]
+    fault_in_line_2(write_log, line.replace(f' {number[kind]} ', f' {count} ', 1))
+
+
+@pytest.mark.parametrize('count', ['-2', '-1', '0.5', '1.5', '-4000', '4000', 'nan'])
+def test_number_of_remissions_that_cannot_be(write_log, count):
+    """A wrong one would shift the fields behind it and give another pose and time."""
+    fault_in_line_2(write_log, ROBOTLASER.replace(' 2.0 2 ', f' 2.0 {count} '))
+
+
+@pytest.mark.parametrize('count', [1, 7, 179, 182, 541])
+def test_unknown_number_of_beams(write_log, laser_line, count):
+    message = fault_in_line_2(write_log, laser_line(1.0, [2.5] * count))
+    assert f'{count} readings' in message
+    assert 'one of 180, 181, 360, 361, 401' in message
+
+
+def test_particles_before_any_scan(write_log):
+    message = message_of(write_log('PARAM a b', SM_UPDATE, LASER_READING))
+    assert 'line 2' in message
+    assert 'SM_UPDATE' in message
+
+
+@pytest.mark.parametrize('lines', [[], ['# nothing'], [ODOM, 'NEFF 3'], ['\0' * 100]])
+def test_no_laser_line(write_log, lines):
+    message = message_of(write_log(*lines))
+    assert 'no laser line' in message
+    assert 'FLASER' in message
+
+
+def test_binary_file(tmp_path):
+    path = tmp_path / 'binary.log'
+    path.write_bytes(random.Random(3).randbytes(10_000))
+    assert 'line 1: not text' in message_of(path)
+
+
+@pytest.mark.parametrize('share', [0.02, 0.5, 0.99])
+def test_truncated_gzip(write_log, share):
+    rng = random.Random(5)
+    noisy = [FLASER.replace(' 0.5 ', f' {rng.random()} ') for _ in range(30)]
+    packed = gzip.compress(write_log(*noisy).read_bytes())
+    path = write_log(name='cut.log.gz')
+    path.write_bytes(packed[: int(share * len(packed))])
+    assert 'readable log' in message_of(path)
+
+
+def test_damaged_gzip(write_log):
+    packed = bytearray(gzip.compress(write_log(FLASER).read_bytes()))
+    packed[len(packed) // 2] ^= 0xFF
+    path = write_log(name='damaged.log.gz')
+    path.write_bytes(packed)
+    message_of(path)
+
+
+def test_missing_file_and_folder(tmp_path):
+    assert 'No such file' in message_of(tmp_path / 'none.log')
+    assert 'directory' in message_of(tmp_path)

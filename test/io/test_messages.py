@@ -1,0 +1,237 @@
+"""Messages of rclpy's shape (plain attributes) and of the rosbags library."""
+
+import array
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from ogm_mcmc.errors import PoseError, ScanError
+from ogm_mcmc.geometry import CellBox, GridSpec, Pose2D
+from ogm_mcmc.io import ros_types
+from ogm_mcmc.io.bags import typestore
+from ogm_mcmc.io.messages import (
+    fill_grid_header,
+    fill_grid_update,
+    frame_of,
+    read_particles,
+    read_pose,
+    read_scan,
+    stamp_of,
+    time_parts,
+)
+
+
+def plain(message):
+    """Return the rclpy look-alike: plain attributes, sequences as array.array."""
+    if hasattr(message, '__dataclass_fields__'):
+        names = [name for name in message.__dataclass_fields__ if name != '__msgtype__']
+        return SimpleNamespace(**{name: plain(getattr(message, name)) for name in names})
+    if isinstance(message, list):
+        return [plain(member) for member in message]
+    if isinstance(message, np.ndarray) and message.dtype == np.float32:
+        return array.array('f', message.tolist())
+    return message
+
+
+@pytest.fixture(params=[lambda message: message, plain], ids=['rosbags', 'rclpy'])
+def shape(request):
+    return request.param
+
+
+def stamped(x, y, z, w, position=(1.0, 2.0)):
+    """Make a geometry_msgs/PoseStamped look-alike."""
+    return SimpleNamespace(
+        pose=SimpleNamespace(
+            position=SimpleNamespace(x=position[0], y=position[1], z=9.0),
+            orientation=SimpleNamespace(x=x, y=y, z=z, w=w),
+        )
+    )
+
+
+def test_stamps_and_frames(make_scan, shape):
+    stamp_ns = 1_134_864_629 * 10**9 + 895_182_001
+    message = shape(make_scan(stamp_ns, frame='/laser'))
+    assert time_parts(stamp_ns) == (1_134_864_629, 895_182_001)
+    assert stamp_of(message) == stamp_ns
+    assert frame_of(message) == 'laser'
+
+
+def test_read_scan(make_scan, shape):
+    ranges = [1.25, math.inf, math.nan, -math.inf, 0.0]
+    scan = read_scan(shape(make_scan(7, ranges=ranges, frame='/laser', range_min=0.25)))
+    assert scan.ranges_m.dtype == np.float32
+    assert np.array_equal(scan.ranges_m, np.array(ranges, np.float32), equal_nan=True)
+    assert (scan.angle_min_rad, scan.angle_increment_rad) == (-1.0, 0.5)
+    assert (scan.range_min_m, scan.range_max_m) == (0.25, 10.0)
+    assert (scan.stamp_ns, scan.frame_id) == (7, 'laser')
+
+
+def test_scan_is_a_copy(make_scan):
+    message = make_scan(7)
+    scan = read_scan(message)
+    message.ranges[:] = 5.0
+    assert scan.ranges_m[0] == 1.0
+    assert scan.ranges_m.flags.writeable
+
+
+@pytest.mark.parametrize('last', [0.5, 1.0, 1.5])
+def test_last_angle_may_be_one_beam_off(make_scan, shape, last):
+    assert read_scan(shape(make_scan(7, angle_max=last))).ranges_m.size == 5
+
+
+def test_clockwise_and_single_beams_are_fine(make_scan, shape):
+    clockwise = read_scan(shape(make_scan(7, angle_increment=-0.5, angle_max=-3.0)))
+    assert clockwise.angle_increment_rad == -0.5
+    single = make_scan(7, ranges=[2.0], angle_increment=0.0, angle_max=-1.0)
+    assert read_scan(shape(single)).ranges_m.tolist() == [2.0]
+
+
+@pytest.mark.parametrize(
+    ('fields', 'reason'),
+    [
+        ({'ranges': np.zeros(0, np.float32)}, 'ranges: expected at least one beam, got 0'),
+        ({'ranges': np.zeros(50, np.float32)}, 'ranges: 50 of them'),
+        ({'angle_increment': 0.0}, 'angle_increment is 0 with 5 ranges'),
+        ({'angle_increment': -0.5}, 'wrong sign'),
+        ({'angle_increment': math.inf}, 'expected finite numbers'),
+        ({'angle_min': math.nan}, 'angle_min nan'),
+        ({'angle_max': math.inf}, 'angle_max is inf'),
+        ({'angle_max': 2.0}, 'make 7'),
+        ({'range_min': -0.5}, 'range_min -0.5'),
+        ({'range_max': 0.0}, 'range_max 0.0'),
+        ({'range_max': math.nan}, 'both finite'),
+    ],
+)
+def test_scan_that_contradicts_itself(make_scan, shape, fields, reason):
+    message = make_scan(7)
+    for name, value in fields.items():
+        setattr(message, name, value)
+    with pytest.raises(ScanError, match=reason):
+        read_scan(shape(message))
+
+
+def test_read_pose_with_covariance(make_pose, shape):
+    message = make_pose(7, x=1.5, y=-2.5, yaw=-3.0)
+    full = np.arange(36.0).reshape(6, 6)
+    for row, column, value in [(0, 0, 2), (1, 1, 3), (5, 5, 1), (0, 1, 0.5), (0, 5, 0.25)]:
+        full[row, column] = full[column, row] = value
+    full[1, 5] = full[5, 1] = -0.125
+    message.pose.covariance = full.reshape(36)
+    belief = read_pose(shape(message))
+    assert (belief.mean.x_m, belief.mean.y_m) == (1.5, -2.5)
+    assert belief.mean.yaw_rad == pytest.approx(-3.0)
+    expected = [[2, 0.5, 0.25], [0.5, 3, -0.125], [0.25, -0.125, 1]]
+    assert belief.covariance.tolist() == expected
+
+
+def test_read_odometry(shape):
+    message = ros_types.odometry(7, Pose2D(1.5, 2.5, 0.5), 0.0, 0.0)
+    belief = read_pose(shape(message))
+    assert belief.mean.x_m == 1.5
+    assert belief.mean.yaw_rad == pytest.approx(0.5)
+    assert not belief.covariance.any()
+
+
+def test_read_pose_stamped():
+    belief = read_pose(stamped(0.0, 0.0, math.sin(0.5), math.cos(0.5)))
+    assert (belief.mean.x_m, belief.mean.y_m) == (1.0, 2.0)
+    assert belief.mean.yaw_rad == pytest.approx(1.0)
+    assert belief.covariance is None
+    assert belief.particles is None
+
+
+def test_quaternion_is_normalised_and_may_be_negated():
+    by_sign = [read_pose(stamped(0, 0, s * 0.6045, s * 0.8045)) for s in (1, -1)]
+    assert by_sign[0].mean.yaw_rad == pytest.approx(2 * math.atan2(0.6045, 0.8045))
+    assert by_sign[1].mean.yaw_rad == pytest.approx(by_sign[0].mean.yaw_rad)
+
+
+@pytest.mark.parametrize(
+    ('quaternion', 'reason'),
+    [
+        ((0, 0, 0, 0), 'unit length'),
+        ((0, 0, 0, 1.02), 'unit length'),
+        ((0, 0, math.nan, 1), 'finite'),
+        ((0, 0, 0, math.inf), 'finite'),
+        ((math.sin(0.2), 0, 0, math.cos(0.2)), 'tilted by 23 degrees'),
+        ((1, 0, 0, 0), 'upside down'),
+    ],
+)
+def test_orientation_that_is_no_heading(quaternion, reason):
+    with pytest.raises(PoseError, match=reason):
+        read_pose(stamped(*quaternion))
+
+
+def test_position_that_is_nowhere():
+    for position in ((math.nan, 0.0), (0.0, math.inf)):
+        with pytest.raises(PoseError, match='expected finite'):
+            read_pose(stamped(0, 0, 0, 1, position))
+
+
+@pytest.mark.parametrize(('lowest', 'fine'), [(-1e-12, True), (-1e-6, False), (-1.0, False)])
+def test_covariance_may_be_negative_by_rounding_only(make_pose, shape, lowest, fine):
+    message = shape(make_pose(7, variances=(0.5, lowest, 0.5)))
+    if fine:
+        assert read_pose(message).covariance[1, 1] == lowest
+    else:
+        with pytest.raises(PoseError, match='positive semi-definite'):
+            read_pose(message)
+
+
+def test_read_particles(shape):
+    poses = np.array([[1.0, 2.0, 3.0], [1.5, 2.5, -3.0], [0.5, 1.5, 3.1]])
+    belief = read_particles(shape(ros_types.pose_array(7, 'map', poses)))
+    assert belief.particles.poses == pytest.approx(poses)
+    assert belief.particles.weights.tolist() == pytest.approx([1 / 3] * 3)
+    assert (belief.mean.x_m, belief.mean.y_m) == pytest.approx((1.0, 2.0))
+    mean_yaw = (3.0 + (2 * math.pi - 3.0) + 3.1) / 3
+    assert belief.mean.yaw_rad % (2 * math.pi) == pytest.approx(mean_yaw, abs=1e-3)
+    assert belief.covariance[0, 0] == pytest.approx(1 / 6)
+
+
+def test_particles_that_cannot_be_used(shape):
+    with pytest.raises(PoseError, match='at least one, got none'):
+        read_particles(shape(ros_types.pose_array(7, 'map', np.zeros((0, 3)))))
+    message = ros_types.pose_array(7, 'map', np.zeros((3, 3)))
+    message.poses[1].position.y = math.nan
+    with pytest.raises(PoseError, match='finite'):
+        read_particles(shape(message))
+
+
+def empty(name):
+    """Make a rosbags message whose numbers are all 77 and whose texts are 'old'."""
+    kinds = typestore().fielddefs[name][1]
+    values = []
+    for _, (node, detail) in kinds:
+        if node.name == 'NAME':
+            values.append(empty(detail))
+        elif node.name == 'BASE':
+            values.append('old' if detail[0] == 'string' else 77)
+        else:
+            values.append(None)
+    return typestore().types[name](*values)
+
+
+def test_fill_grid_header():
+    grid = empty('nav_msgs/msg/OccupancyGrid')
+    spec = GridSpec(0.05, 30, 20, column0=-7, row0=3, anchor_x_m=0.1, anchor_y_m=-0.2)
+    fill_grid_header(grid, spec, 'map', 1_134_864_629_895_182_001)
+    assert grid.header.frame_id == 'map'
+    for stamp in (grid.header.stamp, grid.info.map_load_time):
+        assert (stamp.sec, stamp.nanosec) == (1_134_864_629, 895_182_001)
+    assert (grid.info.resolution, grid.info.width, grid.info.height) == (0.05, 30, 20)
+    origin = grid.info.origin
+    assert (origin.position.x, origin.position.y) == (0.1 - 7 * 0.05, -0.2 + 3 * 0.05)
+    assert origin.orientation.w == 1.0
+    assert grid.data is None
+
+
+def test_fill_grid_update():
+    update = SimpleNamespace(header=empty('std_msgs/msg/Header'))
+    spec = GridSpec(0.05, 30, 20, column0=-7, row0=3)
+    fill_grid_update(update, spec, CellBox(-5, 4, 1, 14), 'map', 1_500_000_000)
+    assert (update.header.frame_id, update.header.stamp.sec) == ('map', 1)
+    assert update.header.stamp.nanosec == 500_000_000
+    assert (update.x, update.y, update.width, update.height) == (2, 1, 6, 10)

@@ -1,0 +1,162 @@
+"""The two-assumption update against its naive twin, and what must hold for any scans."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from ogm_mcmc.config import MapperConfig, StepModelConfig
+from ogm_mcmc.geometry import CellBox, Pose2D, PoseBelief
+from ogm_mcmc.geometry.traversal_kernels import beam_ends, mark_ray, trace_ray
+from ogm_mcmc.mapping import TwoAssumptionMapper
+from ogm_mcmc.mapping.two_assumption_kernels import add_misses, fuse_per_beam, fuse_per_scan
+from ogm_mcmc.testing.naive import NaiveMapper, measured_cells
+from ogm_mcmc.testing.strategies import REPEATABLE, fan, poses, scans
+
+approx = pytest.approx
+
+STEP = StepModelConfig(l_free=-0.75, l_occ=2.0)  # exact in float32, and of different size
+FUSIONS = ['per_scan', 'per_beam']
+
+
+def mapper(**settings):
+    """A map of 0.1 m cells, unless said otherwise."""
+    return TwoAssumptionMapper(MapperConfig(**{'resolution': 0.1, 'step': STEP, **settings}))
+
+
+def at(x=0.5, y=0.5, yaw=0.0):
+    return PoseBelief(Pose2D(x, y, yaw))
+
+
+def measured(method):
+    return measured_cells(method.log_odds(method.spec.box), method.spec.box)
+
+
+def twin_of(config, placed):
+    naive = NaiveMapper(config)
+    for scan, sensor, upside_down in placed:
+        naive.update(scan, sensor, upside_down)
+    return naive
+
+
+def assert_equals_twin(config, placed, naive):
+    method = TwoAssumptionMapper(config)
+    for scan, sensor, upside_down in placed:
+        method.update(scan, PoseBelief(sensor), upside_down=upside_down)
+    expected, found = naive.log_odds(), measured(method)
+    assert set(found) == set(expected)
+    assert [found[cell] for cell in expected] == approx(list(expected.values()), abs=1e-4)
+    assert not method.grid.free_bits.any()
+    assert not method.grid.hit_bits.any()
+
+
+# Beside the borders of cells, where kernel and twin must agree in every cell.
+sensors = poses(3.0).map(lambda p: Pose2D(p.x_m + 0.0123, p.y_m + 0.0171, p.yaw_rad))
+placed_scans = st.lists(st.tuples(scans(), sensors, st.booleans()), min_size=1, max_size=4)
+configs = st.fixed_dictionaries(
+    {
+        'prior': st.sampled_from([0.5, 0.3]),
+        'log_odds_limit': st.sampled_from([100.0, 2.5]),
+        'max_range': st.sampled_from([0.0, 3.0]),
+        'no_return': st.sampled_from(['clear', 'ignore']),
+    }
+)
+
+
+@pytest.mark.parametrize('fusion', FUSIONS)
+@given(placed=placed_scans, change=configs)
+@settings(REPEATABLE, max_examples=100)
+def test_small_scans_equal_twin(fusion, placed, change):
+    config = MapperConfig(fusion=fusion, resolution=0.25, step=STEP, **change)
+    naive = twin_of(config, placed)
+    assume(naive.margin > 1e-9)
+    assert_equals_twin(config, placed, naive)
+
+
+@pytest.mark.parametrize('fusion', FUSIONS)
+def test_whole_scans_equal_twin(fusion):
+    """Dense scans of a sensor that moves on: beams share cells and words of the bit set."""
+    rng = np.random.default_rng(3)
+    placed = []
+    for k in range(3):
+        scan = fan(*rng.uniform(0.5, 14.0, 90), bearing=-2.0, increment=math.radians(3))
+        placed.append((scan, Pose2D(0.1 + 1.73 * k, -0.3, 0.7 * k), False))
+    config = MapperConfig(fusion=fusion, resolution=0.25, step=STEP)
+    naive = twin_of(config, placed)
+    assert naive.margin > 1e-9
+    assert_equals_twin(config, placed, naive)
+
+
+def room(seed, count, spread=4.0):
+    """Scans from places inside a few metres."""
+    rng = np.random.default_rng(seed)
+    return [
+        (
+            fan(*rng.uniform(0.3, 9.0, 60), bearing=-3.0, increment=0.1),
+            at(*rng.uniform(-spread, spread, 2), rng.uniform(-3, 3)),
+        )
+        for _ in range(count)
+    ]
+
+
+@pytest.mark.parametrize('fusion', FUSIONS)
+@pytest.mark.parametrize('seed', [1, 2])
+def test_the_order_of_scans_does_not_matter(fusion, seed):
+    """Exactly so: with these steps every sum is exact in float32."""
+    placed = room(seed, 8)
+    there, back = mapper(fusion=fusion), mapper(fusion=fusion)
+    for one, other in zip(placed, reversed(placed), strict=True):
+        there.update(*one)
+        back.update(*other)
+    assert measured(there) == measured(back)
+
+
+@pytest.mark.parametrize('fusion', FUSIONS)
+def test_cells_outside_the_returned_box_keep_their_values(fusion):
+    method = mapper(fusion=fusion)
+    for scan, belief in room(3, 10):
+        before = measured(method)
+        box = method.update(scan, belief)
+        after = measured(method)
+        for cell in set(before) | set(after):
+            if before.get(cell) != after.get(cell):
+                assert box.covers(CellBox(*cell, cell[0] + 1, cell[1] + 1))
+
+
+@pytest.mark.parametrize('fusion', FUSIONS)
+def test_a_map_that_grew_equals_one_that_was_large_from_the_start(fusion):
+    """Bit for bit, and with the window's word borders elsewhere."""
+    grown, large = mapper(fusion=fusion), mapper(fusion=fusion)
+    large.grid.cover(CellBox(-1100, -1100, 1300, 1200))
+    windows = set()
+    for scan, belief in room(4, 12, spread=60.0):
+        assert grown.update(scan, belief) == large.update(scan, belief)
+        windows.add(grown.spec)
+    assert len(windows) > 3
+    box = grown.spec.box
+    assert np.array_equal(grown.log_odds(box), large.log_odds(box), equal_nan=True)
+    assert measured(grown) == measured(large)
+
+
+@pytest.mark.jit
+def test_one_specialization_of_each_kernel():
+    """Every other setting, or whole numbers for floats, must not compile anything again."""
+    for fusion in FUSIONS:
+        for change in (
+            {},
+            {'resolution': 1, 'prior': 0.25, 'max_range': 7.5, 'no_return': 'ignore'},
+            {'max_range': 5},
+            {'log_odds_limit': 50, 'step': StepModelConfig(l_free=-1, l_occ=1)},
+        ):
+            method = mapper(fusion=fusion, **change)
+            method.update(fan(1.0, math.inf, math.nan, increment=0.3), at(), upside_down=True)
+            method.update(fan(2.0), PoseBelief(Pose2D(3, -2, 1)))
+            method.reset()
+            method.update(fan(2.0), at(-70.5, 9.25, 2.0))
+    for kernel in (beam_ends, fuse_per_scan, fuse_per_beam):
+        assert len(kernel.signatures) == 1, (kernel.__name__, kernel.signatures)
+    # Called from other kernels: nothing to be compiled where those came from the cache.
+    for kernel in (mark_ray, trace_ray, add_misses):
+        assert len(kernel.signatures) <= 1, (kernel.__name__, kernel.signatures)

@@ -1,0 +1,269 @@
+import argparse
+import math
+from dataclasses import FrozenInstanceError, dataclass
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ogm_mcmc import config as config_module
+from ogm_mcmc.config import (
+    MapperConfig,
+    OutputConfig,
+    StepModelConfig,
+    add_arguments,
+    build,
+    check_bounds,
+    flatten,
+    read_parameter_file,
+    setting,
+    settings_of,
+)
+from ogm_mcmc.errors import ConfigError
+from ogm_mcmc.testing.strategies import REPEATABLE
+
+LEAVES = {leaf.name: leaf for leaf in settings_of(MapperConfig)}
+
+
+def legal_values(leaf):
+    """Any value a setting may have."""
+    if leaf.choices:
+        return st.sampled_from(leaf.choices)
+    if leaf.type is int:
+        return st.integers(int(leaf.low), int(leaf.high))
+    return st.floats(leaf.low, leaf.high)
+
+
+@dataclass(frozen=True)
+class Inner:
+    depth: int = setting(3, 'how deep', low=0, high=9)
+
+
+@dataclass(frozen=True)
+class Outer:
+    name: str = setting('x', 'what it is called')
+    on: bool = setting(False, 'whether it runs')
+    gain: float = setting(1.0, 'how much')
+    inner: Inner = Inner()
+
+    def __post_init__(self):
+        check_bounds(self)
+
+
+# -- declarations -------------------------------------------------------------------------------
+
+
+def test_leaves_in_order_of_declaration_with_dotted_names():
+    assert [leaf.name for leaf in settings_of(Outer)] == ['name', 'on', 'gain', 'inner.depth']
+    depth = list(settings_of(Outer))[-1]
+    assert (depth.type, depth.default, depth.description) == (int, 3, 'how deep')
+    assert (depth.low, depth.high, depth.choices) == (0, 9, ())
+
+
+@pytest.mark.parametrize('cls', [MapperConfig, OutputConfig])
+def test_every_setting_says_what_it_means_and_its_bounds(cls):
+    for leaf in settings_of(cls):
+        assert len(leaf.description) > 10
+        assert type(leaf.default) is leaf.type
+        if leaf.type in (int, float):
+            assert leaf.low <= leaf.default <= leaf.high
+        elif leaf.type is str:
+            assert leaf.default in leaf.choices
+
+
+def test_defaults_are_what_users_were_told():
+    assert flatten(MapperConfig()) == {
+        'method': 'two_assumption',
+        'fusion': 'per_scan',
+        'resolution': 0.05,
+        'prior': 0.5,
+        'log_odds_limit': 100.0,
+        'max_range': 0.0,
+        'no_return': 'clear',
+        'max_cells': 100_000_000,
+        'step.l_free': -1.3863,
+        'step.l_occ': 1.3863,
+    }
+    assert flatten(OutputConfig()) == {
+        'output': 'probability',
+        'occupied_thresh': 0.65,
+        'free_thresh': 0.196,
+    }
+
+
+# -- flatten and build --------------------------------------------------------------------------
+
+
+@given(st.fixed_dictionaries({}, optional={k: legal_values(v) for k, v in LEAVES.items()}))
+@REPEATABLE
+def test_build_and_flatten_round_trip(values):
+    built = build(MapperConfig, values)
+    assert flatten(built) == {**flatten(MapperConfig()), **values}
+    assert build(MapperConfig, flatten(built)) == built
+
+
+def test_nested_names_reach_the_nested_class():
+    built = build(MapperConfig, {'step.l_occ': 2.0})
+    assert built.step == StepModelConfig(l_occ=2.0)
+
+
+def test_an_unknown_name_is_refused_with_the_known_ones():
+    with pytest.raises(ConfigError, match=r"unknown setting 'gian': one of gain, inner\.depth, n"):
+        build(Outer, {'gain': 2.0, 'gian': 2.0})
+    assert build(Outer, {'gain': 2.0, 'gian': 2.0}, ignore_unknown=True) == Outer(gain=2.0)
+
+
+@pytest.mark.parametrize('name', ['step', 'l_occ', 'step.', 'step.l_occ.x'])
+def test_parts_of_a_name_are_unknown(name):
+    with pytest.raises(ConfigError, match='unknown setting'):
+        build(MapperConfig, {name: 1.0})
+
+
+def test_a_config_does_not_change():
+    with pytest.raises(FrozenInstanceError):
+        MapperConfig().prior = 0.9
+
+
+# -- bounds and types ---------------------------------------------------------------------------
+
+NUMBERS = [leaf for leaf in LEAVES.values() if leaf.type in (int, float)]
+
+
+@pytest.mark.parametrize('leaf', NUMBERS, ids=lambda leaf: leaf.name)
+def test_bounds_are_inclusive_and_what_is_beyond_is_refused(leaf):
+    for value, beyond in ((leaf.low, -1), (leaf.high, 1)):
+        edge = leaf.type(value)
+        assert flatten(build(MapperConfig, {leaf.name: edge}))[leaf.name] == edge
+        step = 1 if leaf.type is int else 1e-6 + abs(edge) * 1e-6
+        with pytest.raises(ConfigError, match=f'^{leaf.name} is .*: expected a number from'):
+            build(MapperConfig, {leaf.name: edge + beyond * step})
+
+
+@pytest.mark.parametrize('name', ['resolution', 'prior', 'step.l_free'])
+@pytest.mark.parametrize('value', [math.nan, math.inf, -math.inf])
+def test_numbers_are_finite(name, value):
+    with pytest.raises(ConfigError, match=f'^{name} is {value}: expected a number'):
+        build(MapperConfig, {name: value})
+
+
+@pytest.mark.parametrize(
+    ('values', 'message'),
+    [
+        ({'gain': '1.0'}, "gain is '1.0': expected float"),
+        ({'gain': True}, 'gain is True: expected float'),
+        ({'gain': None}, 'gain is None: expected float'),
+        ({'gain': [1.0]}, r'gain is \[1.0\]: expected float'),
+        ({'inner.depth': 3.0}, 'inner.depth is 3.0: expected int'),
+        ({'inner.depth': False}, 'inner.depth is False: expected int'),
+        ({'inner.depth': 10}, 'inner.depth is 10: expected a number from 0 to 9'),
+        ({'on': 1}, 'on is 1: expected bool'),
+        ({'on': 'true'}, "on is 'true': expected bool"),
+        ({'name': 5}, 'name is 5: expected str'),
+    ],
+)
+def test_a_wrong_type_is_refused_and_never_converted(values, message):
+    with pytest.raises(ConfigError, match=f'^{message}$'):
+        build(Outer, values)
+
+
+def test_a_number_beyond_all_floats_is_refused():
+    with pytest.raises(ConfigError, match=r'^max_cells is 1000'):
+        build(MapperConfig, {'max_cells': 10**400})
+
+
+def test_a_whole_number_is_a_number():
+    assert build(Outer, {'gain': 2}).gain == 2.0
+
+
+@pytest.mark.parametrize(
+    ('cls', 'values', 'message'),
+    [
+        (MapperConfig, {'fusion': 'per_day'}, "fusion is 'per_day': one of per_scan, per_beam"),
+        (MapperConfig, {'no_return': ''}, "no_return is '': one of clear, ignore"),
+        (OutputConfig, {'output': 'grey'}, "output is 'grey': one of probability, trinary"),
+        (OutputConfig, {'free_thresh': 0.65}, 'free_thresh is 0.65: must be below occupied_thr'),
+        (OutputConfig, {'occupied_thresh': 0.1}, 'free_thresh is 0.196: must be below'),
+    ],
+)
+def test_what_cannot_be_chosen(cls, values, message):
+    with pytest.raises(ConfigError, match=f'^{message}'):
+        build(cls, values)
+
+
+# -- the command line ---------------------------------------------------------------------------
+
+
+def test_options_are_named_after_settings():
+    parser = argparse.ArgumentParser()
+    add_arguments(parser, Outer)
+    options = parser.parse_args(['--inner.depth', '4', '--on', '--name', 'y'])
+    assert config_module.given(options, Outer) == {'inner.depth': 4, 'on': True, 'name': 'y'}
+    assert config_module.given(parser.parse_args(['--no-on']), Outer) == {'on': False}
+    assert config_module.given(parser.parse_args([]), Outer) == {}
+
+
+def test_options_with_underscores_become_dashes():
+    parser = argparse.ArgumentParser()
+    add_arguments(parser, MapperConfig)
+    options = parser.parse_args(['--max-range', '7', '--step.l-occ', '2', '--no-return', 'ignore'])
+    expected = {'max_range': 7.0, 'step.l_occ': 2.0, 'no_return': 'ignore'}
+    assert config_module.given(options, MapperConfig) == expected
+    assert 'default: 0.05' in parser.format_help()
+
+
+# -- files --------------------------------------------------------------------------------------
+
+
+def parameters(tmp_path, text):
+    path = tmp_path / 'parameters.yaml'
+    path.write_text(text, encoding='utf-8')
+    return read_parameter_file(path)
+
+
+IN_EVERY_FORM = {
+    'ros, any node': '/**:\n  ros__parameters:\n    prior: 0.4\n    step:\n      l_occ: 2.0\n',
+    'ros, one node': 'online_mapper:\n  ros__parameters:\n    prior: 0.4\n    step.l_occ: 2.0\n',
+    'plain': 'prior: 0.4\nstep:\n  l_occ: 2.0\n',
+    'plain, dotted': 'prior: 0.4\nstep.l_occ: 2.0\n',
+}
+
+
+@pytest.mark.parametrize('form', IN_EVERY_FORM)
+def test_parameter_files(tmp_path, form):
+    values = parameters(tmp_path, IN_EVERY_FORM[form])
+    assert values == {'prior': 0.4, 'step.l_occ': 2.0}
+    assert build(MapperConfig, values).step.l_occ == 2.0
+
+
+def test_values_keep_their_types(tmp_path):
+    text = 'a: 1\nb: 1.0\nc: yes\nd: text\ne: [1, 2]\nf:\n  g:\n    h: 1e-3\n'
+    values = parameters(tmp_path, text)
+    assert values == {'a': 1, 'b': 1.0, 'c': True, 'd': 'text', 'e': [1, 2], 'f.g.h': '1e-3'}
+    assert [type(values[key]) for key in 'ab'] == [int, float]
+
+
+@pytest.mark.parametrize(
+    ('content', 'message'),
+    [
+        (b'', 'expected a mapping of parameter names to values'),
+        (b'- 1\n- 2\n', 'expected a mapping'),
+        (b'just text', 'expected a mapping'),
+        (b'/**:\n  ros__parameters:\n', 'expected a mapping'),
+        (b'a: [1, 2', r'expected a readable YAML parameter file \(while parsing'),
+        (b'a: \xff\xfe', 'expected a readable YAML parameter file'),
+        (b'a: !!python/object:os.system {}', 'could not determine a constructor'),
+    ],
+)
+def test_files_that_cannot_be_read(tmp_path, content, message):
+    path = tmp_path / 'bad.yaml'
+    path.write_bytes(content)
+    with pytest.raises(ConfigError, match=message) as caught:
+        read_parameter_file(path)
+    assert str(caught.value).startswith(f'{path}: ')
+    assert '\n' not in str(caught.value)
+
+
+def test_a_missing_file_and_a_folder(tmp_path):
+    for path in (tmp_path / 'none.yaml', tmp_path):
+        with pytest.raises(ConfigError, match='expected a readable YAML parameter file'):
+            read_parameter_file(path)

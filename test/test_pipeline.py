@@ -1,0 +1,269 @@
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from ogm_mcmc.config import MapperConfig, OutputConfig
+from ogm_mcmc.errors import GridError
+from ogm_mcmc.geometry import CellBox, GridMap, GridSpec, Pose2D, PoseBelief, Scan, SensorMount
+from ogm_mcmc.mapping.two_assumption_kernels import fuse_per_beam, fuse_per_scan
+from ogm_mcmc.pipeline import MappingPipeline, MapView, warm_up
+from ogm_mcmc.testing import pictures
+from ogm_mcmc.testing.strategies import fan
+
+KINDS = [
+    ('map', OutputConfig()),
+    ('map', OutputConfig(output='trinary', occupied_thresh=0.7, free_thresh=0.3)),
+    ('entropy', OutputConfig()),
+]
+every_kind = pytest.mark.parametrize(('kind', 'output'), KINDS, ids=['percent', 'three', 'bits'])
+
+
+def pipeline(**settings):
+    return MappingPipeline(MapperConfig(**{'resolution': 0.1, **settings}))
+
+
+def sweep(seed):
+    """A scan all around."""
+    rng = np.random.default_rng(seed)
+    return fan(*rng.uniform(0.5, 4.0, 60), bearing=-3.1, increment=0.1)
+
+
+def at(x, y, yaw=0.0):
+    return PoseBelief(Pose2D(x, y, yaw))
+
+
+def same_map(one, other):
+    a, b = one.map(), other.map()
+    return a.spec == b.spec and np.array_equal(a.probability, b.probability, equal_nan=True)
+
+
+def whole(source, output, kind):
+    """Render everything at once."""
+    view = MapView(source, output, kind)
+    view.refresh()
+    return view.values
+
+
+# -- MapView ----------------------------------------------------------------------------------
+
+
+@every_kind
+def test_refreshing_equals_rendering_everything(kind, output):
+    """After updates in place, growth to every side, and several updates at once."""
+    source = pipeline()
+    view = MapView(source, output, kind)
+    places = [(0, 0), (0.4, 0.2), (9, 0), (9, 1), (-9, -9), (3, 30), (60, 30), (0, 0)]
+    specs = set()
+    for k, (x, y) in enumerate(places):
+        view.mark(source.update(sweep(k), at(x + 0.013, y + 0.017, 0.3 * k)))
+        if k % 3 != 1:
+            view.refresh()
+            specs.add(view.spec)
+            assert view.values.dtype == np.int8
+            assert np.array_equal(view.values, whole(source, output, kind))
+    assert len(specs) > 3
+
+
+@every_kind
+def test_refresh_writes_only_the_box_it_returns(kind, output):
+    source = pipeline()
+    view = MapView(source, output, kind)
+    view.mark(source.update(sweep(1), at(0.013, 0.017)))
+    view.refresh()
+    view.values.fill(77)
+    changed = source.update(fan(1.0), at(0.513, 0.517))
+    view.mark(changed)
+    box = view.refresh()
+    assert box == changed == CellBox(5, 5, 16, 6)
+    written = view.values != 77
+    assert written[view.spec.slices(box)].all()
+    assert written.sum() == 11
+
+
+def test_growth_copies_what_was_shown_and_is_unknown_elsewhere():
+    source = pipeline()
+    view = MapView(source, OutputConfig())
+    view.mark(source.update(sweep(1), at(0.013, 0.017)))
+    view.refresh()
+    before, shown = view.spec, view.values.copy()
+    view.mark(source.update(fan(1.0), at(50.05, 0.05)))
+    view.refresh()
+    assert view.spec != before
+    assert np.array_equal(view.values[view.spec.slices(before.box)], shown)
+    assert (view.values >= 0).sum() == (shown >= 0).sum() + 11
+
+
+def test_stale_until_refreshed():
+    source = pipeline()
+    view = MapView(source, OutputConfig())
+    assert view.stale
+    assert not view.refresh().empty
+    assert not view.stale
+    assert view.refresh().empty
+    view.mark(source.update(fan(math.nan), at(0.0, 0.0)))
+    assert not view.stale
+    view.mark(source.update(fan(1.0), at(0.05, 0.05)))
+    assert view.stale
+
+
+def test_restart_after_a_reset():
+    source = pipeline()
+    view = MapView(source, OutputConfig())
+    view.mark(source.update(sweep(1), at(30.013, 0.017)))
+    view.refresh()
+    source.reset()
+    view.restart()
+    view.refresh()
+    assert view.spec == source.method.spec
+    assert (view.values == -1).all()
+
+
+def test_another_output_shows_after_marking_all_that_ever_changed():
+    source = pipeline()
+    view = MapView(source, OutputConfig())
+    for k in range(3):
+        view.mark(source.update(sweep(k), at(2.013 * k, 0.017)))
+    view.refresh()
+    view.output = OutputConfig(output='trinary')
+    view.mark(source.changed)
+    view.refresh()
+    assert np.array_equal(view.values, whole(source, view.output, 'map'))
+    assert set(np.unique(view.values)) == {-1, 0, 100}
+
+
+@every_kind
+def test_shown_values_on_paper(kind, output):
+    """One hit and one miss at equal steps: 80, 20 and 50 per cent."""
+    source = pipeline(resolution=1.0)
+    box = source.update(fan(2.0), at(0.5, 0.5)).union(source.update(fan(3.0), at(0.5, 0.5)))
+    view = MapView(source, output, kind)
+    view.refresh()
+    expected = {
+        # log-odds of -2, -2, 0 and +1 steps of log 4: 1/17, 1/17, 1/2, 4/5
+        ('map', 'probability'): [6, 6, 50, 80],
+        ('map', 'trinary'): [0, 0, -1, 100],
+        ('entropy', 'probability'): [32, 32, 100, 72],
+    }[kind, output.output]
+    assert view.values[view.spec.slices(box)][0].tolist() == expected
+
+
+def test_a_subclass_says_where_values_live():
+    buffer = np.zeros(64 * 64, np.int8)
+
+    class InMessage(MapView):
+        def _allocate(self, spec):
+            return buffer.reshape(spec.height, spec.width)
+
+    source = pipeline()
+    view = InMessage(source, OutputConfig())
+    view.mark(source.update(fan(1.0), at(0.05, 0.05)))
+    view.refresh()
+    assert np.shares_memory(view.values, buffer)
+    assert (buffer >= 0).sum() == 11
+
+
+# -- MappingPipeline ----------------------------------------------------------------------------
+
+
+def test_picture_of_a_scan():
+    """Three beams of a robot that looks up: left, ahead and right."""
+    source = pipeline(resolution=1.0)
+    scan = fan(2.0, 3.0, 1.0, bearing=math.pi / 2, increment=-math.pi / 2)
+    source.update(scan, at(2.5, 0.5, math.pi / 2))
+    result = source.map()
+    expected = """
+        ??#?
+        ??.?
+        ??.?
+        #..#
+    """
+    assert result.spec == GridSpec(1.0, 4, 4)
+    drawn = pictures.draw(np.log(result.probability) - np.log1p(-result.probability))
+    assert np.array_equal(pictures.read(drawn), pictures.read(expected))
+
+
+def test_the_mount_carries_the_sensor():
+    """Half a metre ahead of a robot that looks up, turned to the left."""
+    mounted, direct = pipeline(), pipeline()
+    mount = SensorMount(Pose2D(0.5, 0.2, 1.0))
+    mounted.update(sweep(1), at(1.013, 2.017, math.pi / 2), mount)
+    direct.update(sweep(1), at(1.013 - 0.2, 2.017 + 0.5, math.pi / 2 + 1.0))
+    assert same_map(mounted, direct)
+
+
+@pytest.mark.parametrize('upside_down', [True, False])
+def test_an_upside_down_mount_negates_the_bearings(upside_down):
+    scan = sweep(2)
+    mirrored = Scan.checked(
+        scan.ranges_m,
+        angle_min_rad=-scan.angle_min_rad,
+        angle_increment_rad=-scan.angle_increment_rad,
+        range_min_m=scan.range_min_m,
+        range_max_m=scan.range_max_m,
+    )
+    mounted, direct = pipeline(), pipeline()
+    mounted.update(scan, at(0.013, 0.017, 0.4), SensorMount(upside_down=upside_down))
+    direct.update(mirrored if upside_down else scan, at(0.013, 0.017, 0.4))
+    assert same_map(mounted, direct)
+    other = pipeline()
+    other.update(scan if upside_down else mirrored, at(0.013, 0.017, 0.4))
+    assert not same_map(mounted, other)
+
+
+def test_map_is_cropped_to_the_measured_cells():
+    source = pipeline()
+    box = source.update(sweep(1), at(7.013, -3.017))
+    result = source.map()
+    assert isinstance(result, GridMap)
+    assert result.spec.box == box
+    assert np.isfinite(result.probability[[0, -1]]).any(axis=1).all()
+
+
+def test_counts_and_changes_since_the_last_reset():
+    source = pipeline()
+    boxes = [source.update(sweep(k), at(3.0 * k + 0.01, 0.02)) for k in range(3)]
+    assert source.scans_used == 3
+    assert source.changed == boxes[0].union(boxes[1]).union(boxes[2])
+    source.reset()
+    assert (source.scans_used, source.changed.empty) == (0, True)
+    assert np.isnan(source.map().probability).all()
+
+
+def test_a_refused_scan_is_not_counted():
+    source = pipeline(max_cells=4096)
+    source.update(fan(1.0), at(0.05, 0.05))
+    before, changed = source.map(), source.changed
+    with pytest.raises(GridError, match='max_cells'):
+        source.update(fan(1.0), at(100.0, 0.0))
+    assert (source.scans_used, source.changed) == (1, changed)
+    assert np.array_equal(source.map().probability, before.probability)
+
+
+# -- warm_up ------------------------------------------------------------------------------------
+
+CONFIGS = [
+    MapperConfig(fusion=fusion, resolution=resolution, no_return=no_return, max_range=max_range)
+    for fusion, resolution, no_return, max_range in itertools.product(
+        ('per_scan', 'per_beam'), (0.001, 0.05, 10.0), ('clear', 'ignore'), (0.0, 1e-3, 100.0)
+    )
+]
+
+
+def test_warm_up_runs_for_every_configuration():
+    assert min(warm_up(config).cells for config in CONFIGS) >= 1
+    assert warm_up(MapperConfig(max_cells=4096)).cells > 1
+
+
+@pytest.mark.jit
+@pytest.mark.parametrize(
+    ('fusion', 'kernel'), [('per_scan', fuse_per_scan), ('per_beam', fuse_per_beam)]
+)
+def test_nothing_is_compiled_after_warm_up(fusion, kernel):
+    config = MapperConfig(fusion=fusion)
+    warm_up(config)
+    compiled = kernel.signatures
+    assert len(compiled) == 1
+    MappingPipeline(config).update(sweep(1), at(1.013, 2.017), SensorMount(Pose2D(0.1, 0.2, 0.3)))
+    assert kernel.signatures == compiled
