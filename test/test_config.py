@@ -3,7 +3,7 @@ import math
 from dataclasses import FrozenInstanceError, dataclass
 
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from ogm_mcmc import config as config_module
@@ -97,6 +97,8 @@ def test_defaults_are_what_users_were_told():
 @given(st.fixed_dictionaries({}, optional={k: legal_values(v) for k, v in LEAVES.items()}))
 @REPEATABLE
 def test_build_and_flatten_round_trip(values):
+    prior, limit = values.get('prior', 0.5), values.get('log_odds_limit', 100.0)
+    assume(abs(math.log(prior / (1.0 - prior))) < limit)
     built = build(MapperConfig, values)
     assert flatten(built) == {**flatten(MapperConfig()), **values}
     assert build(MapperConfig, flatten(built)) == built
@@ -180,6 +182,12 @@ def test_a_whole_number_is_a_number():
     [
         (MapperConfig, {'fusion': 'per_day'}, "fusion is 'per_day': one of per_scan, per_beam"),
         (MapperConfig, {'no_return': ''}, "no_return is '': one of clear, ignore"),
+        (
+            MapperConfig,
+            {'prior': 0.999, 'log_odds_limit': 3.5},
+            r'log_odds_limit is 3.5: must not be below the log-odds of the prior \(6.91\)',
+        ),
+        (MapperConfig, {'prior': 0.001, 'log_odds_limit': 3.5}, 'log_odds_limit is 3.5: must not'),
         (OutputConfig, {'output': 'grey'}, "output is 'grey': one of probability, trinary"),
         (OutputConfig, {'free_thresh': 0.65}, 'free_thresh is 0.65: must be below occupied_thr'),
         (OutputConfig, {'occupied_thresh': 0.1}, 'free_thresh is 0.196: must be below'),

@@ -17,6 +17,9 @@ from ogm_mcmc.ros.qos import LATCHED
 
 __all__ = ['DemoClient']
 
+# The mapper publishes what changed once a second: no map for longer means that it was the last.
+SETTLED_S = 1.5
+
 
 class DemoClient:
     """A node that listens to one mapper; a context manager around rclpy's life."""
@@ -27,6 +30,7 @@ class DemoClient:
         self.started = time.monotonic()
         self.first_map_s: float | None = None
         self.last_map: OccupancyGrid | None = None
+        self.last_map_at = 0.0
         self.diagnostics: dict[str, str] = {}
 
     def __enter__(self) -> Self:
@@ -51,6 +55,7 @@ class DemoClient:
     def _on_map(self, msg: OccupancyGrid) -> None:
         self.maps += 1
         self.last_map = msg
+        self.last_map_at = time.monotonic()
         if self.first_map_s is None:
             self.first_map_s = time.monotonic() - self.started
 
@@ -86,9 +91,15 @@ class DemoClient:
         return str(response.message)
 
     def wait_for_map(self, timeout_s: float) -> None:
-        """Wait for a map and for diagnostics that were sent after the last scan."""
+        """Wait for the final map and for diagnostics that were sent after the last scan."""
         seen = self.diagnostics
-        if not self.spin_while(lambda: self.maps == 0 or self.diagnostics is seen, timeout_s):
+        called = time.monotonic()
+
+        def unsettled() -> bool:
+            quiet = time.monotonic() - max(called, self.last_map_at)
+            return self.maps == 0 or self.diagnostics is seen or quiet < SETTLED_S
+
+        if not self.spin_while(unsettled, timeout_s):
             raise OgmError('no map arrived on `map`: expected one from online_mapper')
 
     def report(self) -> dict[str, Any]:

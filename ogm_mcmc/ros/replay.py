@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -254,6 +255,10 @@ def _spin_while_playing(node: Replay) -> None:
     def work() -> None:
         try:
             node.play()
+        except rclpy._rclpy_pybind11.RCLError as error:
+            # On Ctrl-C the context may go while a message is being published.
+            if rclpy.ok():
+                node.failure = error
         except BaseException as error:
             node.failure = error
         finally:

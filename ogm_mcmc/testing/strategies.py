@@ -24,6 +24,7 @@ __all__ = [
     'scans',
     'segments',
     'stamps_ns',
+    'touchy_segments',
 ]
 
 REPEATABLE = settings(derandomize=True, deadline=None, max_examples=150)
@@ -66,6 +67,21 @@ def float_segments(draw: st.DrawFn, reach: float = 400.0) -> Segment:
     # Flatter ones, whose slope is no float, are left to `test_memory_safety`.
     rise = length * math.sin(angle)
     return x, y, x + length * math.cos(angle), y + (rise if abs(rise) > 1e-250 else 0.0)
+
+
+@st.composite
+def touchy_segments(draw: st.DrawFn) -> Segment:
+    """Segments with ends on the lines of the lattice or by less than a rounding error beside.
+
+    They begin in cell (0, 0), as those of a sensor do.
+    """
+    error = st.sampled_from([0.0, 2.0**-54, 2.0**-53, 2.0**-44, 2.0**-40, 1.1 * 2.0**-39])
+    start = st.one_of(error, error.map(lambda e: math.nextafter(1.0, 0.0) - e), dyadics(0, 1, 8))
+    signed = st.one_of(error, error.map(lambda e: -e))
+    end = st.one_of(
+        st.builds(lambda k, e: k + e, st.integers(-8, 8), signed), dyadics(-8, 8), st.just(300.0)
+    )
+    return draw(start) % 1.0, draw(start) % 1.0, draw(end), draw(end)
 
 
 def fan(

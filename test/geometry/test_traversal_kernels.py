@@ -16,10 +16,13 @@ from ogm_mcmc.testing.strategies import (
     exact_slope_segments,
     float_segments,
     segments,
+    touchy_segments,
 )
 
 # Nearer to a corner than this, the fixed-point walk may round to either side (design note).
 ROUNDING = 1e-9
+
+any_segment = st.one_of(segments(), exact_slope_segments(), float_segments())
 
 
 def traced(segment, column=0, row=0):
@@ -115,7 +118,7 @@ def test_beam_equals_twin(segment):
     assert marked_around(segment) == set(expected)
 
 
-@given(segment=st.one_of(segments(), exact_slope_segments(), float_segments()))
+@given(segment=st.one_of(any_segment, touchy_segments()))
 @settings(REPEATABLE, max_examples=500)
 def test_mark_ray_and_trace_ray_agree_and_reverse(segment):
     """Bit for bit, corners included."""
@@ -126,7 +129,7 @@ def test_mark_ray_and_trace_ray_agree_and_reverse(segment):
     assert traced((x1, y1, x0, y0)) == cells[::-1]
 
 
-@given(segment=st.one_of(segments(), exact_slope_segments(), float_segments()))
+@given(segment=st.one_of(any_segment, touchy_segments()))
 @REPEATABLE
 def test_path_is_connected(segment):
     """Neighbours share an edge, or a corner where the segment passes through it."""
@@ -140,10 +143,11 @@ def test_path_is_connected(segment):
             assert met_at == pytest.approx(corner_x, abs=ROUNDING)
 
 
-@given(segment=st.one_of(segments(), exact_slope_segments(), float_segments()))
+@given(segment=st.one_of(any_segment, touchy_segments()))
 @example(segment=(0.0, 0.0, 25.0, -0.6875))
 @example(segment=(0.9999999999999964, 0.0, -99.0, -1.2e-14))
-@settings(REPEATABLE, max_examples=1000)
+@example(segment=(0.0, 0.9999999999999999, 2.9999999999990905, 2.0))
+@settings(REPEATABLE, max_examples=2000)
 def test_both_ends_are_crossed_and_nothing_beyond_them(segment):
     """What `Rays.box` promises; a cell outside of it may lie outside of the array."""
     x0, y0, x1, y1 = (math.floor(value) for value in segment)
@@ -166,7 +170,7 @@ def test_beam_down_to_a_sensor_on_a_corner_stays_in_front_of_it():
 
 
 @given(
-    segment=st.one_of(segments(), exact_slope_segments(), float_segments()),
+    segment=any_segment,
     column=st.integers(-1000, 1000),
     row=st.integers(-1000, 1000),
 )
