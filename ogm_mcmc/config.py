@@ -89,7 +89,8 @@ def check_bounds(config: Any) -> None:
         if number:
             low = -math.inf if leaf.low is None else leaf.low
             high = math.inf if leaf.high is None else leaf.high
-            in_bounds = math.isfinite(value) and low <= value <= high
+            # A whole number may be too large for any float, so no math.isfinite.
+            in_bounds = abs(value) < math.inf and low <= value <= high
             require(in_bounds, leaf.name, value, f'expected a number from {low:g} to {high:g}')
 
 

@@ -29,6 +29,7 @@ DROP_REASONS = {
     'scan_jumped_back': 'its stamp is more than 1 s before the scan before it',
     'pose_out_of_order': 'the pose is not later than the pose before it',
     'pose_jumped_back': 'the pose is more than 1 s before the pose before it; history restarted',
+    'before_restart': 'it waited for a pose when time started again',
     'scan_before_poses': 'it is older than every pose known',
     'pose_gap': 'the poses before and after it are too far apart',
     'pose_timeout': 'no pose as late as the scan came in time',
@@ -171,8 +172,7 @@ class ScanPlacer:
             if last - scan.stamp_ns <= RESTART_NS:
                 self.drop('scan_out_of_order', scan)
                 return
-            # Time started again: what waits belongs to the time before.
-            self._last_stamp_ns.clear()
+            self._restart(scan.stamp_ns)
             self._last_stamp_ns[scan.frame_id] = scan.stamp_ns
             self.drop('scan_jumped_back', scan)
             return
@@ -189,6 +189,29 @@ class ScanPlacer:
         reason = self.source.add(stamp_ns, belief)
         if reason is not None:
             self.drop(reason)
+        if reason == 'pose_jumped_back':
+            self._restart(stamp_ns)
+
+    def _restart(self, stamp_ns: int) -> None:
+        """Time started again at a stamp: what lies ahead of it belongs to the time before.
+
+        Scans that wait are dropped and counted, older poses forgotten; a scan could otherwise
+        meet the poses of another run.
+        """
+        waiting = list(self._waiting)
+        self._waiting.clear()
+        for scan, arrived_s in waiting:
+            if scan.stamp_ns > stamp_ns + RESTART_NS:
+                self.drop('before_restart', scan)
+            else:
+                self._waiting.append(_Queued(scan, arrived_s))
+        for frame, last in list(self._last_stamp_ns.items()):
+            if last > stamp_ns + RESTART_NS:
+                del self._last_stamp_ns[frame]
+        source = self.source
+        ahead = stamp_ns + RESTART_NS
+        if isinstance(source, PoseHistory) and source.stamps and source.stamps[-1] > ahead:
+            source.clear()
 
     def clear(self) -> None:
         """Forget waiting scans and poses, not the counts."""

@@ -71,17 +71,17 @@ def plan_ray(column, row, x0, y0, x1, y1, plan):
         # Rounded towards where the walk began, and never past its end: whatever the rounding,
         # no cell outside of the segment's own columns is touched.
         if x1 >= x0:
-            leaving = min(np.int64(math.floor(edge)) + shift, end)
-            if rows_up > 1:
-                step = np.int64(slope * UNIT)
-                if leaving + (rows_up - 1) * step > end:
-                    step = (end - leaving) // (rows_up - 1)
+            leaving = max(min(np.int64(math.floor(edge)) + shift, end), here)
             # The cell right of an edge met exactly belongs to the row above. A walk straight up
             # along such an edge stays on its right: an odd number of units is never on an edge.
-            if leaving <= here:
-                leaving = here
-            if leaving == here or (step == 0 and rows_up > 1):
+            if leaving == here:
                 leaving |= np.int64(1)
+            if rows_up > 1:
+                step = np.int64(slope * UNIT)
+                if leaving + (rows_up - 1) * step > max(end, leaving):
+                    step = max(np.int64(0), (end - leaving) // (rows_up - 1))
+                if step == 0:
+                    leaving |= np.int64(1)
         else:
             leaving = max(min(np.int64(math.ceil(edge)) + shift, here), end)
             if rows_up > 1:

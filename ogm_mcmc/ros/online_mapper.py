@@ -36,6 +36,7 @@ __all__ = ['OnlineMapper', 'main']
 WARN_EVERY_S = 5.0
 HOUSEKEEPING_S = 0.1
 DIAGNOSTICS_S = 1.0
+DISCOVERY_S = 2.0
 
 
 class OnlineMapper(Node):
@@ -79,7 +80,7 @@ class OnlineMapper(Node):
         self.map_timer = self.create_timer(
             self.settings.map_update_interval, self.on_map_timer, clock=steady
         )
-        self.create_timer(HOUSEKEEPING_S, self.map_placed_scans, clock=steady)
+        self.create_timer(HOUSEKEEPING_S, self.on_housekeeping, clock=steady)
         self.create_timer(DIAGNOSTICS_S, self.publish_diagnostics, clock=steady)
         self.add_on_set_parameters_callback(self.parameters.check)
         self.add_post_set_parameters_callback(self.on_parameters_set)
@@ -147,6 +148,13 @@ class OnlineMapper(Node):
             return
         self.map_placed_scans()
 
+    def on_housekeeping(self) -> None:
+        """Drop scans that waited too long; do not let the first listener wait for its map."""
+        self.map_placed_scans()
+        publisher = self.map_publisher
+        if publisher.sent == 0 and publisher.listeners > 0 and self.pipeline.scans_used > 0:
+            self.publish_map()
+
     def map_placed_scans(self) -> None:
         """Map every waiting scan whose pose is known; drop those that waited too long."""
         for scan, belief in self.placer.placed(time.monotonic()):
@@ -164,8 +172,10 @@ class OnlineMapper(Node):
             self._last_stamp_ns = scan.stamp_ns
             self.map_publisher.mark(changed)
             self.entropy_publisher.mark(changed)
-            if self.map_publisher.sent == 0:
-                self.publish_map()
+            if self.pipeline.scans_used == 1:
+                # Give listeners that were here before us time to be discovered: DDS takes up to
+                # three seconds to hand them a copy that was latched before.
+                self._renewed_at = time.monotonic() + DISCOVERY_S - self.settings.latched_interval
 
     def mount_of(self, scan: Scan) -> SensorMount | None:
         """Return where the sensor of a scan sits, None while it is not known."""
