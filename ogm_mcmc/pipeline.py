@@ -26,6 +26,9 @@ __all__ = ['MapView', 'MappingPipeline', 'warm_up']
 
 NOTHING = CellBox(0, 0, 0, 0)
 
+# Changes far apart are brought up to date one by one: the box around both may be the whole map.
+MAX_STALE_BOXES = 16
+
 
 class MappingPipeline:
     """Placed scans in, a map out."""
@@ -74,38 +77,47 @@ class MapView:
         self.kind = kind
         self.spec: GridSpec | None = None
         self.values: Int8Array = np.empty((0, 0), np.int8)
-        self._stale = NOTHING
+        self._stale: list[CellBox] = []
+        self.mark(pipeline.changed)
 
     def mark(self, changed: CellBox) -> None:
-        """Note that cells changed."""
-        self._stale = self._stale.union(changed)
+        """Note that cells changed; every change since the view was made has to be marked."""
+        if changed.empty:
+            return
+        for index, box in enumerate(self._stale):
+            both = box.union(changed)
+            if both.n_cells <= 2 * (box.n_cells + changed.n_cells):
+                self._stale[index] = both
+                return
+        if len(self._stale) < MAX_STALE_BOXES:
+            self._stale.append(changed)
+        else:
+            self._stale[-1] = self._stale[-1].union(changed)
 
     def restart(self) -> None:
         """Forget what was shown (after a reset)."""
         self.spec = None
-        self._stale = NOTHING
+        self._stale = []
+        self.mark(self.pipeline.changed)
 
     @property
     def stale(self) -> bool:
         """Whether `refresh` has anything to do."""
-        return not self._stale.empty or self.spec != self.pipeline.method.spec
+        return bool(self._stale) or self.spec != self.pipeline.method.spec
 
-    def refresh(self) -> CellBox:
-        """Bring `values` up to date; return the box that was written."""
+    def refresh(self) -> list[CellBox]:
+        """Bring `values` up to date; return the boxes that were written."""
         spec = self.pipeline.method.spec
-        box = self._stale
         if spec != self.spec:
             before, values = self.spec, self._allocate(spec)
             values.fill(-1)
-            if before is None:
-                box = spec.box
-            else:
+            if before is not None:
                 values[spec.slices(before.box)] = self.values
             self.spec, self.values = spec, values
-        if not box.empty:
+        written, self._stale = self._stale, []
+        for box in written:
             self.values[spec.slices(box)] = self._shown(self.pipeline.method.probabilities(box))
-        self._stale = NOTHING
-        return box
+        return written
 
     def _allocate(self, spec: GridSpec) -> Int8Array:
         return np.empty((spec.height, spec.width), np.int8)

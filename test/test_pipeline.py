@@ -8,7 +8,7 @@ from ogm_mcmc.config import MapperConfig, OutputConfig
 from ogm_mcmc.errors import GridError
 from ogm_mcmc.geometry import CellBox, GridMap, GridSpec, Pose2D, PoseBelief, Scan, SensorMount
 from ogm_mcmc.mapping.two_assumption_kernels import fuse_per_beam, fuse_per_scan
-from ogm_mcmc.pipeline import MappingPipeline, MapView, warm_up
+from ogm_mcmc.pipeline import MAX_STALE_BOXES, MappingPipeline, MapView, warm_up
 from ogm_mcmc.testing import pictures
 from ogm_mcmc.testing.strategies import fan
 
@@ -75,7 +75,7 @@ def test_refresh_writes_only_the_box_it_returns(kind, output):
     view.values.fill(77)
     changed = source.update(fan(1.0), at(0.513, 0.517))
     view.mark(changed)
-    box = view.refresh()
+    (box,) = view.refresh()
     assert box == changed == CellBox(5, 5, 16, 6)
     written = view.values != 77
     assert written[view.spec.slices(box)].all()
@@ -95,13 +95,34 @@ def test_growth_copies_what_was_shown_and_is_unknown_elsewhere():
     assert (view.values >= 0).sum() == (shown >= 0).sum() + 11
 
 
+def test_changes_far_apart_do_not_cost_what_lies_between():
+    source = pipeline()
+    view = MapView(source, OutputConfig())
+    view.mark(source.update(fan(1.0), at(0.05, 0.05)))
+    view.mark(source.update(fan(1.0), at(200.05, 200.05)))
+    view.mark(source.update(fan(1.0), at(0.15, 0.05)))
+    boxes = view.refresh()
+    assert len(boxes) == 2
+    assert sum(box.n_cells for box in boxes) == 12 + 11
+    assert np.array_equal(view.values, whole(source, OutputConfig(), 'map'))
+
+
+def test_many_changes_far_apart_are_all_shown():
+    source = pipeline()
+    view = MapView(source, OutputConfig())
+    for k in range(40):
+        view.mark(source.update(fan(1.0), at(0.05 + 20.0 * (k % 7), 0.05 + 20.0 * (k // 7))))
+    assert len(view.refresh()) <= MAX_STALE_BOXES
+    assert np.array_equal(view.values, whole(source, OutputConfig(), 'map'))
+
+
 def test_stale_until_refreshed():
     source = pipeline()
     view = MapView(source, OutputConfig())
     assert view.stale
-    assert not view.refresh().empty
+    view.refresh()
     assert not view.stale
-    assert view.refresh().empty
+    assert view.refresh() == []
     view.mark(source.update(fan(math.nan), at(0.0, 0.0)))
     assert not view.stale
     view.mark(source.update(fan(1.0), at(0.05, 0.05)))

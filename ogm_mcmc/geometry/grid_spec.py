@@ -27,6 +27,11 @@ class CellBox(NamedTuple):
         """Whether no cell lies inside."""
         return self.column1 <= self.column0 or self.row1 <= self.row0
 
+    @property
+    def n_cells(self) -> int:
+        """How many cells lie inside."""
+        return 0 if self.empty else (self.column1 - self.column0) * (self.row1 - self.row0)
+
     def union(self, other: CellBox) -> CellBox:
         """Return the smallest box around both."""
         if self.empty or other.empty:

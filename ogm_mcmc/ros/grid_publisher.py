@@ -61,13 +61,14 @@ class GridPublisher:
 
     def publish(self, frame_id: str, stamp_ns: int) -> None:
         """Send what changed: as an update if every listener takes those, else the whole map."""
-        box = self.view.refresh()
+        boxes = self.view.refresh()
         spec = self.view.spec
         assert spec is not None
         followers = self.updates.get_subscription_count() if self.updates is not None else 0
         new_listener = self.listeners > self.listeners_served
         if followers and spec == self._sent_spec and not new_listener:
-            self._publish_update(spec, box, frame_id, stamp_ns)
+            for box in boxes:
+                self._publish_update(spec, box, frame_id, stamp_ns)
             if followers >= self.listeners:
                 return
         fill_grid_header(self.view.message, spec, frame_id, stamp_ns)

@@ -276,7 +276,7 @@ class OnlineMapper(Node):
         return response
 
     def on_save_map(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Save the map as PGM, YAML and PNG."""
+        """Save the map as PGM, YAML and PNG; scans wait in the queue meanwhile."""
         if self.pipeline.scans_used == 0:
             response.success, response.message = False, 'no scan was mapped yet: nothing to save'
             return response

@@ -4,8 +4,9 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 __all__ = ['LATCHED', 'POSES', 'SENSOR']
 
-# Fits publishers of either kind; a few scans deep, so that publishing a large map loses none.
-SENSOR = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+# Fits publishers of either kind; a second of scans deep, so that growing or saving a very large
+# map loses none.
+SENSOR = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 POSES = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
 
