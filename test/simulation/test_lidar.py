@@ -1,0 +1,71 @@
+"""Ranges to walls, exact on paper; noise and lost returns as asked for."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from ogm_mcmc.errors import ConfigError
+from ogm_mcmc.geometry import Pose2D
+from ogm_mcmc.simulation import WORLDS, Lidar, record, true_ranges, walk
+
+ROOM = np.array([(0, 0, 4, 0), (4, 0, 4, 3), (4, 3, 0, 3), (0, 3, 0, 0)], np.float64)
+
+
+def test_ranges_in_a_room_on_paper():
+    bearings = np.array([0.0, math.pi / 2, math.pi, -math.pi / 2, math.atan2(2, 3)])
+    ranges = true_ranges(ROOM, Pose2D(1.0, 1.0), bearings)
+    assert ranges == pytest.approx(np.array([3.0, 2.0, 1.0, 1.0, math.sqrt(13)]))
+    turned = true_ranges(ROOM, Pose2D(1.0, 1.0, math.pi / 2), bearings[:1])
+    assert turned == pytest.approx(np.array([2.0]))
+
+
+def test_nothing_there_is_inf():
+    assert np.isinf(true_ranges(ROOM[:1], Pose2D(1.0, 1.0), np.array([0.0, 1.0]))).all()
+
+
+def test_a_wall_seen_through_a_door():
+    walls = np.array([(2, 0, 2, 1), (2, 2, 2, 3), (5, 0, 5, 3)], np.float64)
+    through = true_ranges(walls, Pose2D(1.0, 1.5), np.array([0.0]))
+    beside = true_ranges(walls, Pose2D(1.0, 0.5), np.array([0.0]))
+    assert (through[0], beside[0]) == (pytest.approx(4.0), pytest.approx(1.0))
+
+
+def test_noise_dropouts_and_range_limit():
+    lidar = Lidar(beams=20_000, range_max_m=3.2, noise_m=0.05, dropout=0.1)
+    ranges = lidar.measure(ROOM, Pose2D(2.0, 1.5), np.random.default_rng(0))
+    exact = true_ranges(ROOM, Pose2D(2.0, 1.5), lidar.bearings())
+    lost = np.isnan(ranges)
+    assert lost.mean() == pytest.approx(0.1, abs=0.01)
+    assert (ranges[~lost] - exact[~lost]).std() == pytest.approx(0.05, rel=0.05)
+    near = Lidar(beams=360, range_max_m=1.8, noise_m=0.0, dropout=0.0)
+    seen = near.measure(ROOM, Pose2D(2.0, 1.5), np.random.default_rng(0))
+    exact = true_ranges(ROOM, Pose2D(2.0, 1.5), near.bearings())
+    assert np.array_equal(np.isinf(seen), exact > 1.8)
+
+
+@pytest.mark.parametrize(
+    'settings', [{'beams': 0}, {'range_max_m': 0.0}, {'noise_m': -1.0}, {'dropout': 1.0}]
+)
+def test_a_lidar_that_cannot_be(settings):
+    with pytest.raises(ConfigError):
+        Lidar(**settings)
+
+
+def test_walk_turns_goes_and_arrives():
+    corner = np.array([(0, 0), (1, 0), (1, 1)], np.float64)
+    poses = list(walk(corner, period_s=0.1, speed_m_s=1.0, turn_rad_s=1.0))
+    steps = [math.hypot(b.x_m - a.x_m, b.y_m - a.y_m) for a, b in itertools.pairwise(poses)]
+    assert max(steps) == pytest.approx(0.1)
+    assert sum(steps) == pytest.approx(2.0)
+    assert (poses[-1].x_m, poses[-1].y_m) == (pytest.approx(1.0), pytest.approx(1.0))
+    assert poses[-1].yaw_rad == pytest.approx(math.pi / 2)
+
+
+def test_the_walk_through_the_office_touches_no_wall():
+    building = WORLDS['office']()
+    rng = np.random.default_rng(1)
+    lidar = Lidar(beams=72, noise_m=0.0, dropout=0.0)
+    closest = min(float(scan.ranges_m.min()) for scan, _ in record(building, lidar, rng))
+    assert closest > 0.15
