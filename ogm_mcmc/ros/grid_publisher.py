@@ -59,23 +59,28 @@ class GridPublisher:
         """Note that cells changed."""
         self.view.mark(changed)
 
-    def publish(self, frame_id: str, stamp_ns: int) -> None:
-        """Send what changed: as an update if every listener takes those, else the whole map."""
+    def publish(self, frame_id: str, stamp_ns: int, *, whole: bool = False) -> bool:
+        """Send what changed: as an update if every listener takes those, else the whole map.
+
+        Returns whether the whole map was sent; `whole` asks for it in any case, so that the
+        latched copy does not grow old.
+        """
         boxes = self.view.refresh()
         spec = self.view.spec
         assert spec is not None
         followers = self.updates.get_subscription_count() if self.updates is not None else 0
         new_listener = self.listeners > self.listeners_served
+        self.listeners_served = self.listeners
         if followers and spec == self._sent_spec and not new_listener:
             for box in boxes:
                 self._publish_update(spec, box, frame_id, stamp_ns)
-            if followers >= self.listeners:
-                return
+            if followers >= self.listeners and not whole:
+                return False
         fill_grid_header(self.view.message, spec, frame_id, stamp_ns)
         self.publisher.publish(self.view.message)
-        self.listeners_served = self.listeners
         self._sent_spec = spec
         self.sent += 1
+        return True
 
     def _publish_update(self, spec: GridSpec, box: CellBox, frame_id: str, stamp_ns: int) -> None:
         assert self.updates is not None

@@ -225,14 +225,15 @@ class OnlineMapper(Node):
         publisher = self.map_publisher
         listening = publisher.listeners > 0
         if publisher.view.stale and (listening or due):
-            self.publish_map()
+            self.publish_map(whole=due)
         if self.entropy_publisher.view.stale and self.entropy_publisher.listeners > 0:
             self.entropy_publisher.publish(self.settings.map_frame, self._last_stamp_ns)
 
-    def publish_map(self) -> None:
-        """Publish the map now."""
-        self._renewed_at = time.monotonic()
-        self.map_publisher.publish(self.settings.map_frame, self._last_stamp_ns)
+    def publish_map(self, *, whole: bool = True) -> None:
+        """Publish now: the whole map, or what changed where that is enough."""
+        frame = self.settings.map_frame
+        if self.map_publisher.publish(frame, self._last_stamp_ns, whole=whole):
+            self._renewed_at = time.monotonic()
 
     def publish_diagnostics(self) -> None:
         """Say how it goes: what came, what was used, what was dropped and why."""

@@ -1,0 +1,121 @@
+"""What goes out when: the whole map, or only what changed where everybody takes updates."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy', reason='rclpy is not installed: no ROS tests')
+
+from ogm_mcmc.config import MapperConfig, OutputConfig
+from ogm_mcmc.geometry import Pose2D, PoseBelief
+from ogm_mcmc.pipeline import MappingPipeline
+from ogm_mcmc.ros import grid_publisher
+from ogm_mcmc.testing.strategies import fan
+
+
+class Topic:
+    """Stands in for a publisher: counts listeners and keeps what was sent."""
+
+    def __init__(self):
+        self.listeners = 0
+        self.sent = []
+
+    def get_subscription_count(self):
+        return self.listeners
+
+    def publish(self, msg):
+        self.sent.append(np.array(msg.data, np.int8))
+
+
+class Node:
+    """Stands in for a node: one `Topic` per name."""
+
+    def __init__(self):
+        self.topics = {}
+
+    def create_publisher(self, kind, name, qos):
+        return self.topics.setdefault(name, Topic())
+
+
+def update_message():
+    return SimpleNamespace(
+        header=SimpleNamespace(frame_id='', stamp=SimpleNamespace(sec=0, nanosec=0)), data=None
+    )
+
+
+@pytest.fixture
+def published(monkeypatch):
+    """Node, pipeline and publisher, with map_msgs installed as it were."""
+    monkeypatch.setattr(grid_publisher, '_update_type', lambda: update_message)
+    node, pipeline = Node(), MappingPipeline(MapperConfig(resolution=0.1))
+    made = grid_publisher.GridPublisher(node, 'map', pipeline, OutputConfig(), 'map')
+    return node.topics, pipeline, made
+
+
+def drive(pipeline, publisher, x):
+    publisher.mark(pipeline.update(fan(1.0), PoseBelief(Pose2D(x, 0.05))))
+    publisher.publish('map', 0)
+
+
+def test_only_changes_go_to_those_who_follow_them(published):
+    topics, pipeline, publisher = published
+    whole, updates = topics['map'], topics['map_updates']
+    whole.listeners = updates.listeners = 1
+    drive(pipeline, publisher, 0.05)
+    assert (len(whole.sent), len(updates.sent)) == (1, 0)
+    drive(pipeline, publisher, 0.15)
+    assert (len(whole.sent), len(updates.sent)) == (1, 1)
+    assert updates.sent[0].size == 11
+
+
+def test_whoever_wants_whole_maps_gets_them(published):
+    topics, pipeline, publisher = published
+    whole, updates = topics['map'], topics['map_updates']
+    whole.listeners, updates.listeners = 2, 1
+    drive(pipeline, publisher, 0.05)
+    drive(pipeline, publisher, 0.15)
+    assert (len(whole.sent), len(updates.sent)) == (2, 1)
+
+
+def test_a_new_listener_and_growth_bring_the_whole_map(published):
+    topics, pipeline, publisher = published
+    whole, updates = topics['map'], topics['map_updates']
+    whole.listeners = updates.listeners = 1
+    drive(pipeline, publisher, 0.05)
+    whole.listeners = updates.listeners = 2
+    drive(pipeline, publisher, 0.15)
+    assert (len(whole.sent), len(updates.sent)) == (2, 0)
+    drive(pipeline, publisher, 50.0)
+    assert (len(whole.sent), len(updates.sent)) == (3, 0)
+    drive(pipeline, publisher, 50.1)
+    assert (len(whole.sent), len(updates.sent)) == (3, 1)
+
+
+def test_a_listener_that_comes_after_one_has_left_gets_the_whole_map(published):
+    topics, pipeline, publisher = published
+    whole, updates = topics['map'], topics['map_updates']
+    for listeners in (2, 1, 2):
+        whole.listeners = updates.listeners = listeners
+        drive(pipeline, publisher, 0.05)
+    assert (len(whole.sent), len(updates.sent)) == (2, 1)
+    publisher.publish('map', 0, whole=True)
+    assert len(whole.sent) == 3
+
+
+def test_followers_end_up_with_the_same_map(published):
+    """Pasting the updates into the first map gives the last one."""
+    topics, pipeline, publisher = published
+    topics['map'].listeners = topics['map_updates'].listeners = 1
+    drive(pipeline, publisher, 0.05)
+    spec = publisher.view.spec
+    picture = topics['map'].sent[0].reshape(spec.height, spec.width)
+    for x in (0.15, 0.45, 3.0):
+        changed = pipeline.update(fan(1.0), PoseBelief(Pose2D(x, 0.05)))
+        publisher.mark(changed)
+        publisher.publish('map', 0)
+        rows, columns = spec.slices(changed)
+        shape = picture[rows, columns].shape
+        picture[rows, columns] = topics['map_updates'].sent[-1].reshape(shape)
+    assert publisher.view.spec == spec
+    assert np.array_equal(picture, publisher.view.values)
