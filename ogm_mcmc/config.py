@@ -13,7 +13,7 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeVar, get_type_hints
+from typing import Any, TypeGuard, TypeVar, get_type_hints
 
 import yaml
 
@@ -21,7 +21,9 @@ from ogm_mcmc.errors import ConfigError, require
 
 __all__ = [
     'MapperConfig',
+    'MountConfig',
     'OutputConfig',
+    'PlacingConfig',
     'Setting',
     'StepModelConfig',
     'add_arguments',
@@ -106,13 +108,17 @@ def flatten(config: Any, prefix: str = '') -> dict[str, Any]:
     return values
 
 
-def add_arguments(parser: argparse._ActionsContainer, cls: type) -> None:
+def add_arguments(
+    parser: argparse._ActionsContainer, cls: type, without: tuple[str, ...] = ()
+) -> None:
     """Declare one option per leaf; an option that is not given is None.
 
     `max_range` becomes `--max-range`, `step.l_occ` becomes `--step.l-occ`; values end up in the
     namespace under their dotted names, see `given`.
     """
     for leaf in settings_of(cls):
+        if leaf.name in without:
+            continue
         option = f'--{leaf.name.replace("_", "-")}'
         text = f'{leaf.description} (default: {leaf.default})'.replace('%', '%%')
         if leaf.type is bool:
@@ -164,24 +170,34 @@ def _build(cls: type[T], values: Mapping[str, Any], prefix: str) -> T:
     return cls(**arguments)
 
 
-def read_parameter_file(path: Path) -> dict[str, Any]:
-    """Dotted parameters of a ROS parameter file (`/**: ros__parameters: ...`) or a plain YAML.
+def read_parameter_file(path: Path, node: str = 'online_mapper') -> dict[str, Any]:
+    """Dotted parameters a ROS parameter file holds for a node, or those of a plain YAML mapping.
 
-    Raises ConfigError when the file is missing or not such a mapping.
+    As ROS does: `/**` for all nodes, then the node's own. Raises ConfigError when the file is
+    missing or not such a mapping.
     """
     try:
         content = yaml.safe_load(path.read_text(encoding='utf-8'))
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         reason = ' '.join(str(error).split())
         raise ConfigError(f'{path}: expected a readable YAML parameter file ({reason})') from error
-    if isinstance(content, dict):
-        for node_values in content.values():
-            if isinstance(node_values, dict) and 'ros__parameters' in node_values:
-                content = node_values['ros__parameters']
-                break
     if not isinstance(content, dict):
         raise ConfigError(f'{path}: expected a mapping of parameter names to values')
-    return _dotted(content, '')
+    if not any(_is_node_block(block) for block in content.values()):
+        return _dotted(content, '')
+    values: dict[str, Any] = {}
+    for name in ('/**', node, f'/{node}', f'/**/{node}'):
+        block = content.get(name)
+        if _is_node_block(block):
+            held = block['ros__parameters']
+            if not isinstance(held, dict):
+                raise ConfigError(f'{path}: {name}: expected a mapping of names to values')
+            values.update(_dotted(held, ''))
+    return values
+
+
+def _is_node_block(block: Any) -> TypeGuard[dict[str, Any]]:
+    return isinstance(block, dict) and 'ros__parameters' in block
 
 
 def _dotted(tree: Mapping[str, Any], prefix: str) -> dict[str, Any]:
@@ -268,7 +284,7 @@ class OutputConfig:
         0.65, 'occupied from this probability on (trinary, map files)', low=0.0, high=1.0
     )
     free_thresh: float = setting(
-        0.196, 'free up to this probability (trinary, map files)', low=0.0, high=1.0
+        0.25, 'free up to this probability (trinary, map files)', low=0.0, high=1.0
     )
 
     def __post_init__(self) -> None:
@@ -280,3 +296,27 @@ class OutputConfig:
             self.free_thresh,
             f'must be below occupied_thresh ({self.occupied_thresh})',
         )
+
+
+@dataclass(frozen=True)
+class MountConfig:
+    """Where the sensor sits in the base frame; used with `mount_source: parameters`."""
+
+    x: float = setting(0.0, 'sensor ahead of the base, m', low=-100.0, high=100.0)
+    y: float = setting(0.0, 'sensor to the left of the base, m', low=-100.0, high=100.0)
+    yaw: float = setting(0.0, 'heading of the sensor on the base, rad', low=-6.2832, high=6.2832)
+    upside_down: bool = setting(False, 'the sensor hangs head down: bearings run clockwise')
+
+
+@dataclass(frozen=True)
+class PlacingConfig:
+    """Where a scan was taken: poses between messages, and the sensor on the robot."""
+
+    max_pose_gap: float = setting(
+        2.0, 'poses further apart than this are not interpolated, s', low=0.0, high=3600.0
+    )
+    mount: MountConfig = MountConfig()
+
+    def __post_init__(self) -> None:
+        """Refuse what is out of bounds."""
+        check_bounds(self)

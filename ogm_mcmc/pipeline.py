@@ -12,17 +12,24 @@ The node `online_mapper`, the commands `map` and `bench`, and the tests all run 
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from ogm_mcmc.arrays import Float32Array, Int8Array
-from ogm_mcmc.config import MapperConfig, OutputConfig
-from ogm_mcmc.geometry import CellBox, GridMap, GridSpec, PoseBelief, Scan, SensorMount
+from ogm_mcmc.config import MapperConfig, MountConfig, OutputConfig
+from ogm_mcmc.geometry import (
+    CellBox,
+    GridMap,
+    GridSpec,
+    Pose2D,
+    PoseBelief,
+    Scan,
+    SensorMount,
+)
 from ogm_mcmc.geometry.grid_map import entropy_bits, occupancy_values, trinary_values
 from ogm_mcmc.mapping import make_method
+from ogm_mcmc.placement import Placement
 
-__all__ = ['MapView', 'MappingPipeline', 'warm_up']
+__all__ = ['MapView', 'MappingPipeline', 'mounted', 'sensor_mount', 'warm_up']
 
 NOTHING = CellBox(0, 0, 0, 0)
 
@@ -44,10 +51,7 @@ class MappingPipeline:
 
         Raises GridError, with nothing changed, when the map would become too large.
         """
-        sensor, upside_down = robot, False
-        if mount is not None:
-            sensor, upside_down = robot.moved(mount.pose), mount.upside_down
-        changed = self.method.update(scan, sensor, upside_down=upside_down)
+        changed = self.method.update(*mounted(scan, robot, mount or SensorMount()))
         self.changed = self.changed.union(changed)
         self.scans_used += 1
         return changed
@@ -111,7 +115,8 @@ class MapView:
         if spec != self.spec:
             before, values = self.spec, self._allocate(spec)
             values.fill(-1)
-            if before is not None:
+            # After a reset the window may have moved: nothing of the old one is true any more.
+            if before is not None and spec.box.covers(before.box):
                 values[spec.slices(before.box)] = self.values
             self.spec, self.values = spec, values
         written, self._stale = self._stale, []
@@ -132,14 +137,23 @@ class MapView:
         return occupancy_values(probability)
 
 
-class WarmUp(NamedTuple):
-    """What `warm_up` ran, to check that it ran."""
+def mounted(scan: Scan, robot: PoseBelief, mount: SensorMount) -> Placement:
+    """Return the scan as an upright sensor would give it, and the belief about the sensor."""
+    if mount == SensorMount():
+        return Placement(scan, robot)
+    return Placement(scan.flipped() if mount.upside_down else scan, robot.moved(mount.pose))
 
-    cells: int
+
+def sensor_mount(config: MountConfig) -> SensorMount:
+    """Return the mount that parameters describe."""
+    return SensorMount(Pose2D(config.x, config.y, config.yaw), config.upside_down)
 
 
-def warm_up(config: MapperConfig) -> WarmUp:
-    """Compile, or load from the cache, every kernel the configuration needs."""
+def warm_up(config: MapperConfig) -> int:
+    """Compile, or load from the cache, every kernel the configuration needs.
+
+    Returns the number of cells that a first scan on a map of its own has measured.
+    """
     pipeline = MappingPipeline(config)
     scan = Scan.checked(
         np.array([1.5, np.inf], np.float32) * config.resolution,
@@ -148,5 +162,5 @@ def warm_up(config: MapperConfig) -> WarmUp:
         range_min_m=0.0,
         range_max_m=2.0 * config.resolution,
     )
-    pipeline.update(scan, PoseBelief(SensorMount().pose))
-    return WarmUp(int(np.isfinite(pipeline.map().probability).sum()))
+    pipeline.update(scan, PoseBelief(Pose2D()))
+    return int(np.isfinite(pipeline.map().probability).sum())

@@ -15,6 +15,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from ogm_mcmc.errors import PoseError
 from ogm_mcmc.geometry import PoseBelief, PoseSamples, Scan, interpolate
 
 __all__ = ['DROP_REASONS', 'Placement', 'PoseHistory', 'PoseSource', 'ScanPlacer']
@@ -23,6 +24,9 @@ NS_PER_S = 1_000_000_000
 
 # Stamps that go back further than this are a restart (a bag played again), not a late message.
 RESTART_NS = NS_PER_S
+
+# While poses come in, a scan waits for its own, but not longer than so many timeouts.
+PATIENCE = 10.0
 
 DROP_REASONS = {
     'scan_out_of_order': 'its stamp is not later than the scan before it',
@@ -34,6 +38,7 @@ DROP_REASONS = {
     'pose_gap': 'the poses before and after it are too far apart',
     'pose_timeout': 'no pose as late as the scan came in time',
     'queue_full': 'too many scans were waiting for a pose',
+    'pose_unusable': 'the pose at its stamp is not level or not finite',
     'pose_unavailable': 'the pose source has no pose at its stamp',
 }
 
@@ -50,7 +55,15 @@ class PoseSource(Protocol):
     """Where poses come from: a recorded history, or a tf buffer."""
 
     def at(self, stamp_ns: int) -> PoseBelief:
-        """Return the belief at a stamp; raises Waiting or Unplaceable."""
+        """Return the belief at a stamp; raises Waiting, Unplaceable or PoseError."""
+        ...
+
+    def restart(self, stamp_ns: int) -> None:
+        """Forget everything that lies ahead of a stamp: time started again there."""
+        ...
+
+    def clear(self) -> None:
+        """Forget all poses."""
         ...
 
 
@@ -77,6 +90,11 @@ class PoseHistory:
         if len(self.stamps) > 2 * self.keep:
             del self.stamps[: -self.keep], self.beliefs[: -self.keep]
         return None
+
+    def restart(self, stamp_ns: int) -> None:
+        """Forget all poses if any lies ahead of a stamp: time started again there."""
+        if self.stamps and self.stamps[-1] > stamp_ns + RESTART_NS:
+            self.clear()
 
     def clear(self) -> None:
         """Forget all poses."""
@@ -132,10 +150,11 @@ class _Queued(NamedTuple):
 
 
 class ScanPlacer:
-    """Scans in, placed scans out, in the order of their stamps.
+    """Scans in, placed scans out, in the order they came (for one sensor, that of the stamps).
 
-    `timeout_s` bounds how long a scan waits after it and the last pose came in, `max_waiting`
-    how many wait at once. `on_drop(reason, scan or None)` is told of everything dropped.
+    `timeout_s` bounds how long a scan waits after it and the last new pose came in (ten times as
+    long in all), `max_waiting` how many wait at once. `on_drop(reason, scan or None)` is told of
+    everything dropped.
     """
 
     def __init__(
@@ -185,9 +204,10 @@ class ScanPlacer:
         """Take a pose into the history (only where the source is a `PoseHistory`)."""
         if not isinstance(self.source, PoseHistory):
             raise TypeError('this placer asks its source for poses; it does not take them')
-        self._last_pose_s = now_s
         reason = self.source.add(stamp_ns, belief)
-        if reason is not None:
+        if reason is None:
+            self._last_pose_s = now_s
+        else:
             self.drop(reason)
         if reason == 'pose_jumped_back':
             self._restart(stamp_ns)
@@ -208,17 +228,17 @@ class ScanPlacer:
         for frame, last in list(self._last_stamp_ns.items()):
             if last > stamp_ns + RESTART_NS:
                 del self._last_stamp_ns[frame]
-        source = self.source
-        ahead = stamp_ns + RESTART_NS
-        if isinstance(source, PoseHistory) and source.stamps and source.stamps[-1] > ahead:
-            source.clear()
+        self.source.restart(stamp_ns)
 
     def clear(self) -> None:
         """Forget waiting scans and poses, not the counts."""
         self._waiting.clear()
         self._last_stamp_ns.clear()
-        if isinstance(self.source, PoseHistory):
-            self.source.clear()
+        self.source.clear()
+
+    def flush(self) -> Iterator[Placement]:
+        """Yield what can be placed and drop the rest: nothing more will come."""
+        yield from self.placed(float('inf'))
 
     def placed(self, now_s: float = 0.0) -> Iterator[Placement]:
         """Yield every scan whose pose is known; drop what waited too long or has no place."""
@@ -227,13 +247,18 @@ class ScanPlacer:
             try:
                 belief = self.source.at(scan.stamp_ns)
             except Waiting:
-                if now_s - max(arrived_s, self._last_pose_s) <= self.timeout_s:
+                waited_s = now_s - arrived_s
+                since_pose_s = now_s - max(arrived_s, self._last_pose_s)
+                if since_pose_s <= self.timeout_s and waited_s <= PATIENCE * self.timeout_s:
                     return
                 self._waiting.popleft()
                 self.drop('pose_timeout', scan)
             except Unplaceable as reason:
                 self._waiting.popleft()
                 self.drop(str(reason), scan)
+            except PoseError:
+                self._waiting.popleft()
+                self.drop('pose_unusable', scan)
             else:
                 self._waiting.popleft()
                 yield Placement(scan, belief)

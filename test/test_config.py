@@ -87,7 +87,7 @@ def test_defaults_are_what_users_were_told():
     assert flatten(OutputConfig()) == {
         'output': 'probability',
         'occupied_thresh': 0.65,
-        'free_thresh': 0.196,
+        'free_thresh': 0.25,
     }
 
 
@@ -190,7 +190,7 @@ def test_a_whole_number_is_a_number():
         (MapperConfig, {'prior': 0.001, 'log_odds_limit': 3.5}, 'log_odds_limit is 3.5: must not'),
         (OutputConfig, {'output': 'grey'}, "output is 'grey': one of probability, trinary"),
         (OutputConfig, {'free_thresh': 0.65}, 'free_thresh is 0.65: must be below occupied_thr'),
-        (OutputConfig, {'occupied_thresh': 0.1}, 'free_thresh is 0.196: must be below'),
+        (OutputConfig, {'occupied_thresh': 0.1}, 'free_thresh is 0.25: must be below'),
     ],
 )
 def test_what_cannot_be_chosen(cls, values, message):
@@ -257,6 +257,7 @@ def test_values_keep_their_types(tmp_path):
         (b'- 1\n- 2\n', 'expected a mapping'),
         (b'just text', 'expected a mapping'),
         (b'/**:\n  ros__parameters:\n', 'expected a mapping'),
+        (b'/**:\n  ros__parameters: [1]\n', 'expected a mapping'),
         (b'a: [1, 2', r'expected a readable YAML parameter file \(while parsing'),
         (b'a: \xff\xfe', 'expected a readable YAML parameter file'),
         (b'a: !!python/object:os.system {}', 'could not determine a constructor'),
@@ -275,3 +276,16 @@ def test_a_missing_file_and_a_folder(tmp_path):
     for path in (tmp_path / 'none.yaml', tmp_path):
         with pytest.raises(ConfigError, match='expected a readable YAML parameter file'):
             read_parameter_file(path)
+
+
+def test_file_of_several_nodes_as_ros_reads_it(tmp_path):
+    """All nodes' values, then our own; another node's are none of our business."""
+    path = tmp_path / 'robot.yaml'
+    path.write_text(
+        'amcl:\n  ros__parameters:\n    resolution: 0.5\n'
+        'online_mapper:\n  ros__parameters:\n    resolution: 0.2\n'
+        '/**:\n  ros__parameters:\n    resolution: 0.3\n    prior: 0.4\n'
+    )
+    assert read_parameter_file(path) == {'resolution': 0.2, 'prior': 0.4}
+    assert read_parameter_file(path, 'amcl') == {'resolution': 0.5, 'prior': 0.4}
+    assert read_parameter_file(path, 'planner') == {'resolution': 0.3, 'prior': 0.4}

@@ -21,7 +21,7 @@ __all__ = ['count_ray_cells', 'time_online']
 def time_online(
     placements: Sequence[Placement], config: MapperConfig, repeats: int
 ) -> dict[str, Any]:
-    """Map all scans `repeats` times on a fresh map; return best and median, ms, and rates.
+    """Map all scans `repeats` times on an emptied map; return best and median, ms, and rates.
 
     As in a running node the map's memory is there: a first, untimed pass lets it grow. `cells`
     counts every cell every beam crosses, which is what `ns_per_cell` refers to.

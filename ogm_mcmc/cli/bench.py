@@ -17,10 +17,11 @@ from ogm_mcmc.cli.options import (
     config_from,
     stream_choice,
 )
-from ogm_mcmc.config import MapperConfig
+from ogm_mcmc.config import MapperConfig, PlacingConfig
 from ogm_mcmc.errors import BagError, require
 from ogm_mcmc.io.bags import BagReader
 from ogm_mcmc.io.scan_stream import PlacedScans, choose_topics
+from ogm_mcmc.pipeline import mounted, sensor_mount
 
 __all__ = ['add_to']
 
@@ -34,7 +35,7 @@ def add_to(subparsers: Subparsers) -> None:
     online.add_argument('--scene', type=Path, help='NPZ of the scene; default: a generated one')
     online.add_argument('--repeats', type=int, default=15, help='passes; the best one counts')
     online.add_argument('--json', action='store_true', help='always JSON; accepted for symmetry')
-    add_config_options(online, 'mapping', MapperConfig)
+    add_config_options(online, 'mapping', MapperConfig, PlacingConfig)
     add_stream_options(online)
     online.set_defaults(run=run_online)
 
@@ -53,9 +54,12 @@ def run_online(options: argparse.Namespace) -> int:
         }
     }
     if options.bag is not None:
+        placing = config_from(options, PlacingConfig)
+        mount = sensor_mount(placing.mount)
         with BagReader(options.bag) as bag:
-            choice = stream_choice(options)
-            placements = list(PlacedScans(bag, choose_topics(bag, choice), choice))
+            choice = stream_choice(options, placing)
+            placed = PlacedScans(bag, choose_topics(bag, choice), choice)
+            placements = [mounted(scan, robot, mount) for scan, robot in placed]
         if not placements:
             raise BagError(f'{options.bag}: no scan in it could be placed')
         result['bag'] = {

@@ -22,7 +22,7 @@ import numpy as np
 from ogm_mcmc.cli.import_carmen import describe
 from ogm_mcmc.cli.options import Subparsers, add_config_options, config_from, print_result
 from ogm_mcmc.config import MapperConfig, given
-from ogm_mcmc.errors import BagError, ConfigError, LogError
+from ogm_mcmc.errors import BagError, ConfigError, LogError, OgmError
 from ogm_mcmc.io import messages, ros_types
 from ogm_mcmc.io.bags import BagReader
 from ogm_mcmc.io.carmen_import import ImportOptions, import_carmen
@@ -95,6 +95,8 @@ def run(options: argparse.Namespace) -> int:
                 client.spin_while(lambda: player.poll() is None and node.poll() is None)
                 if player.returncode:
                     raise BagError(f'{source.bag}: replay ended with code {player.returncode}')
+            if node.poll() is not None:
+                raise OgmError(f'online_mapper ended during replay, code {node.returncode}')
             saved = client.save_map(SERVICE_S)
             client.wait_for_map(SERVICE_S)
             report = client.report()
@@ -128,7 +130,9 @@ def _prepare(path: Path | None, folder: Path, scratch: Path) -> DemoInput:
             pose, source = bag.find('poses', (ros_types.POSE,)), 'pose'
         except BagError:
             pose, source = bag.find('poses', (ros_types.POSE, ros_types.PARTICLES)), 'particles'
-        first = next(bag.records((pose.name,)))
+        first = next(bag.records((pose.name,)), None)
+        if first is None:
+            raise BagError(f'{bag_path}: no message on {pose.name}, although its index names some')
         frame = messages.frame_of(bag.decode(first))
     total = scan.n_messages + pose.n_messages
     return DemoInput(bag_path, from_log, scan.name, pose.name, source, frame, total)

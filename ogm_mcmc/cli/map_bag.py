@@ -19,12 +19,12 @@ from ogm_mcmc.cli.options import (
     print_result,
     stream_choice,
 )
-from ogm_mcmc.config import MapperConfig, OutputConfig, flatten
+from ogm_mcmc.config import MapperConfig, OutputConfig, PlacingConfig, flatten
 from ogm_mcmc.errors import BagError
 from ogm_mcmc.io.bags import BagReader
-from ogm_mcmc.io.map_files import replacing, save_map, save_npz, trinary_pixels, writable_folder
+from ogm_mcmc.io.map_files import replacing, save_map, save_npz, writable_folder
 from ogm_mcmc.io.scan_stream import PlacedScans, choose_topics
-from ogm_mcmc.pipeline import MappingPipeline
+from ogm_mcmc.pipeline import MappingPipeline, sensor_mount
 
 __all__ = ['add_to']
 
@@ -37,7 +37,9 @@ def add_to(subparsers: Subparsers) -> None:
         '-o', dest='folder', type=Path, required=True, metavar='DIR', help='folder for the map'
     )
     parser.add_argument('--name', default='map', help='name of the files')
-    add_config_options(parser, 'mapping and output', MapperConfig, OutputConfig)
+    # The PGM is trinary and the NPZ holds probabilities: nothing for `output` to choose.
+    configs = (MapperConfig, OutputConfig, PlacingConfig)
+    add_config_options(parser, 'mapping', *configs, without=('output',))
     add_stream_options(parser)
     add_json(parser)
     parser.set_defaults(run=run)
@@ -46,25 +48,26 @@ def add_to(subparsers: Subparsers) -> None:
 def run(options: argparse.Namespace) -> int:
     """Run the command."""
     config, output = config_from(options, MapperConfig), config_from(options, OutputConfig)
+    placing = config_from(options, PlacingConfig)
+    mount = sensor_mount(placing.mount)
     pipeline = MappingPipeline(config)
     # What cannot be saved is better said before the work than after it.
-    trinary_pixels(pipeline.map(), output)
     writable_folder(options.folder)
     started = time.perf_counter()
     with BagReader(options.bag) as bag:
-        choice = stream_choice(options)
+        choice = stream_choice(options, placing)
         topics = choose_topics(bag, choice)
         with tqdm(total=topics.scan.n_messages, unit=' scans', desc='map', disable=None) as bar:
             placed = PlacedScans(bag, topics, choice, on_scan=bar.update)
             for scan, belief in placed:
-                pipeline.update(scan, belief)
+                pipeline.update(scan, belief, mount)
     dropped = dict(placed.placer.dropped)
     if pipeline.scans_used == 0:
         raise BagError(
             f'{options.bag}: none of {topics.scan.n_messages} scans could be placed ({dropped}): '
             f'expected poses on {topics.pose.name} around the stamps of {topics.scan.name}'
         )
-    settings = {**flatten(config), **flatten(output)}
+    settings = {**flatten(config), **flatten(output), **flatten(placing)}
     grid_map = pipeline.map()
     paths = save_map(grid_map, options.folder, output, options.name)
     paths['npz'] = save_npz(grid_map, options.folder / f'{options.name}.npz', settings)

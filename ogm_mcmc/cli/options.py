@@ -7,8 +7,17 @@ import json
 from pathlib import Path
 from typing import Any, TypeVar
 
-from ogm_mcmc.config import add_arguments, build, given, read_parameter_file, settings_of
+from ogm_mcmc.config import (
+    PlacingConfig,
+    add_arguments,
+    build,
+    given,
+    read_parameter_file,
+    settings_of,
+)
+from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.io.scan_stream import StreamChoice
+from ogm_mcmc.ros.settings import NODE_CONFIGS
 
 __all__ = [
     'Subparsers',
@@ -34,11 +43,13 @@ def print_result(options: argparse.Namespace, values: dict[str, Any], text: str)
     print(json.dumps(values) if options.json else text)
 
 
-def add_config_options(parser: argparse.ArgumentParser, title: str, *configs: type) -> None:
+def add_config_options(
+    parser: argparse.ArgumentParser, title: str, *configs: type, without: tuple[str, ...] = ()
+) -> None:
     """Declare the settings of config classes, and --params-file for all of them."""
     group = parser.add_argument_group(title)
     for config in configs:
-        add_arguments(group, config)
+        add_arguments(group, config, without)
     group.add_argument('--params-file', type=Path, help='ROS parameter file (YAML)')
 
 
@@ -49,8 +60,18 @@ def config_from(options: argparse.Namespace, config: type[T]) -> T:
         # The file is the node's: what is no setting of this config belongs to the rest of it.
         known = {leaf.name for leaf in settings_of(config)}
         held = read_parameter_file(options.params_file)
+        _refuse_unknown(options.params_file, held)
         values.update({name: value for name, value in held.items() if name in known})
     return build(config, {**values, **given(options, config)})
+
+
+def _refuse_unknown(path: Path, held: dict[str, Any]) -> None:
+    every = {leaf.name for config in NODE_CONFIGS for leaf in settings_of(config)}
+    unknown = sorted(set(held) - every - {'use_sim_time'})
+    if unknown:
+        raise ConfigError(
+            f'{path}: unknown parameter {unknown[0]!r}: expected one of {", ".join(sorted(every))}'
+        )
 
 
 def add_stream_options(parser: argparse.ArgumentParser) -> None:
@@ -59,13 +80,10 @@ def add_stream_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument('--scan-topic', default='', help='default: the first LaserScan')
     group.add_argument('--pose-topic', default='', help='default: the first topic that fits')
     group.add_argument('--pose-source', choices=('pose', 'particles'), default='pose')
-    group.add_argument(
-        '--max-pose-gap', type=float, default=2.0, help='longest gap to interpolate, s'
-    )
 
 
-def stream_choice(options: argparse.Namespace) -> StreamChoice:
+def stream_choice(options: argparse.Namespace, placing: PlacingConfig) -> StreamChoice:
     """Build the StreamChoice of a command."""
     return StreamChoice(
-        options.scan_topic, options.pose_topic, options.pose_source, options.max_pose_gap
+        options.scan_topic, options.pose_topic, options.pose_source, placing.max_pose_gap
     )

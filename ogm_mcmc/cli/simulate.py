@@ -9,6 +9,7 @@ import numpy as np
 from tqdm import tqdm
 
 from ogm_mcmc.cli.options import Subparsers, add_json, print_result
+from ogm_mcmc.errors import require
 from ogm_mcmc.io.recording_bag import write_recording
 from ogm_mcmc.simulation import WORLDS, Lidar, record
 
@@ -31,6 +32,7 @@ def add_to(subparsers: Subparsers) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run the command."""
+    require(options.seed >= 0, 'seed', options.seed, 'expected 0 or more')
     lidar = Lidar(options.beams, range_max_m=options.range_max, noise_m=options.noise)
     walk = record(WORLDS[options.world](), lidar, np.random.default_rng(options.seed))
     with tqdm(walk, unit=' scans', desc='simulate', disable=None) as scans:

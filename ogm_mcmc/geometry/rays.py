@@ -16,8 +16,9 @@ from ogm_mcmc.geometry.traversal_kernels import beam_ends
 
 __all__ = ['Rays', 'cast_rays']
 
-# The fixed-point traversal keeps 19 bits for whole cells, and a sensor must be near enough to
-# the anchor that the fraction inside its cell is known.
+# The fixed-point traversal keeps 23 bits for whole columns; a ray takes 18 at most, so that an
+# array of 2**22 columns always has room. A sensor must be near enough to the anchor that the
+# fraction inside its cell is known.
 MAX_RAY_CELLS = 2**18
 MAX_LATTICE_CELLS = 2**40
 
@@ -47,7 +48,6 @@ def cast_rays(
     *,
     max_range_m: float = 0.0,
     no_return_clears: bool = True,
-    upside_down: bool = False,
 ) -> Rays:
     """Place a scan; readings that say nothing (REP 117) make no ray.
 
@@ -79,7 +79,7 @@ def cast_rays(
     hit = np.empty(scan.ranges_m.size, np.uint8)
     count, left, bottom, right, top = beam_ends(
         scan.ranges_m,
-        scan.directions(upside_down),
+        scan.directions(),
         math.cos(sensor.yaw_rad),
         math.sin(sensor.yaw_rad),
         x,

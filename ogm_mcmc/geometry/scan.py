@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -15,16 +15,12 @@ __all__ = ['Scan', 'beam_directions']
 
 
 @lru_cache(maxsize=32)
-def beam_directions(
-    angle_min_rad: float, angle_increment_rad: float, count: int, upside_down: bool
-) -> Float64Array:
-    """Unit vectors (2, B) of the beams in the sensor's upright frame: row 0 x, row 1 y.
+def beam_directions(angle_min_rad: float, angle_increment_rad: float, count: int) -> Float64Array:
+    """Unit vectors (2, B) of the beams in the sensor's frame: row 0 x, row 1 y.
 
     A lidar sends the same angles with every scan, so they are computed once. Do not modify.
     """
     bearings = angle_min_rad + angle_increment_rad * np.arange(count)
-    if upside_down:
-        bearings = -bearings
     return np.stack((np.cos(bearings), np.sin(bearings)))
 
 
@@ -92,10 +88,16 @@ class Scan:
             frame_id,
         )
 
-    def directions(self, upside_down: bool = False) -> Float64Array:
+    def directions(self) -> Float64Array:
         """Unit vectors (2, B) of the beams."""
-        return beam_directions(
-            self.angle_min_rad, self.angle_increment_rad, self.ranges_m.size, upside_down
+        return beam_directions(self.angle_min_rad, self.angle_increment_rad, self.ranges_m.size)
+
+    def flipped(self) -> Scan:
+        """Return the scan of a sensor that hangs head down, as an upright one would give it."""
+        return replace(
+            self,
+            angle_min_rad=-self.angle_min_rad,
+            angle_increment_rad=-self.angle_increment_rad,
         )
 
 

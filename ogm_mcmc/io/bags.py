@@ -19,7 +19,6 @@ from ogm_mcmc.errors import BagError, OutputError
 
 __all__ = ['BagReader', 'BagRecord', 'BagTopic', 'BagWriter', 'typestore']
 
-# Storage in front of a bag must not be taken for the bag's fault.
 TYPESTORE = get_typestore(Stores.ROS2_JAZZY)
 
 

@@ -22,6 +22,9 @@ from ogm_mcmc.geometry import Pose2D, PoseSamples
 
 __all__ = ['CarmenLog', 'LogOdometry', 'LogScan', 'particle_weights', 'read_carmen']
 
+# An ODOM line with the pose of the scan before it is odometry if it comes within this time.
+ECHO_AFTER_S = 5.0
+
 # CARMEN's rule for the old format, which names no angles: a SICK starts at -90 degrees and its
 # number of readings tells the resolution.
 OLD_FORMAT_STEP_DEG = {180: 1.0, 181: 1.0, 360: 0.5, 361: 0.5, 401: 0.25}
@@ -156,10 +159,13 @@ class _LineReader:
         """Whether the line only repeats the scan before it.
 
         GMapping's gfs2log writes after each FLASER an ODOM with the same pose whose time is 0 or
-        uninitialised memory; sorted by time such lines would land anywhere.
+        uninitialised memory; sorted by time such lines would land anywhere. A robot that stands
+        still has the same pose, too, but its time follows.
         """
         before = self.log.records[-1] if self.log.records else None
-        return isinstance(before, LogScan) and odometry.pose == before.laser_pose
+        if not isinstance(before, LogScan) or odometry.pose != before.laser_pose:
+            return False
+        return not 0.0 <= odometry.time_s - before.time_s <= ECHO_AFTER_S
 
     def fault(self, number: int, what: str, expected: str) -> LogError:
         return LogError(f'{self.log.path}, line {number}: {what}: expected {expected}')

@@ -3,8 +3,8 @@
 The image's top row is the map's highest y. In `trinary` a pixel is 0 (occupied), 205 (unknown)
 or 254 (free). The reader takes p = (255 - x) / 255 of a pixel, occupied above `occupied_thresh`
 and free below `free_thresh`. Grey 205 reads as 0.196078: with the widespread `free_thresh` 0.25
-every unknown cell would come back as free. We write 0.196, and refuse to save with thresholds
-that would lose a kind of cell.
+every unknown cell would come back as free. The thresholds of `OutputConfig` decide which pixel a
+cell gets; those in the YAML only have to tell the three greys apart, and are always the same.
 """
 
 from __future__ import annotations
@@ -22,15 +22,16 @@ from PIL import Image
 
 from ogm_mcmc.arrays import UInt8Array
 from ogm_mcmc.config import OutputConfig
-from ogm_mcmc.errors import ConfigError, MapFileError, OutputError
+from ogm_mcmc.errors import MapFileError, OutputError
 from ogm_mcmc.geometry import GridMap, GridSpec
 from ogm_mcmc.geometry.grid_map import trinary_values
 
 __all__ = ['load_map', 'replacing', 'save_map', 'save_npz', 'trinary_pixels', 'writable_folder']
 
 OCCUPIED, UNKNOWN, FREE = 0, 205, 254
-UNKNOWN_READS_AS = (255 - UNKNOWN) / 255.0
-FREE_READS_AS = (255 - FREE) / 255.0
+
+# What the reader needs to tell these three apart, nav2's own values.
+YAML_THRESHOLDS = {'occupied_thresh': 0.65, 'free_thresh': 0.196}
 
 
 @contextlib.contextmanager
@@ -75,22 +76,6 @@ def writable_folder(path: Path) -> Path:
 
 def trinary_pixels(grid_map: GridMap, output: OutputConfig) -> UInt8Array:
     """Pixels of the map image (height, width), top row highest y."""
-    if output.free_thresh >= UNKNOWN_READS_AS:
-        raise ConfigError(
-            f'free_thresh is {output.free_thresh}: expected below {UNKNOWN_READS_AS:.6f}, or '
-            'unknown cells (grey 205) would be read back as free'
-        )
-    if output.occupied_thresh <= UNKNOWN_READS_AS:
-        raise ConfigError(
-            f'occupied_thresh is {output.occupied_thresh}: expected above '
-            f'{UNKNOWN_READS_AS:.6f}, or unknown cells (grey 205) would be read back as occupied'
-        )
-    if output.free_thresh <= FREE_READS_AS or output.occupied_thresh >= 1.0:
-        raise ConfigError(
-            f'free_thresh is {output.free_thresh}, occupied_thresh {output.occupied_thresh}: '
-            f'expected above {FREE_READS_AS:.6f} and below 1, or no cell would be read back as '
-            'free or occupied'
-        )
     values = trinary_values(grid_map.probability, output.occupied_thresh, output.free_thresh)
     pixels = np.full(values.shape, UNKNOWN, np.uint8)
     pixels[values == 0] = FREE
@@ -117,7 +102,7 @@ def save_map(
 ) -> dict[str, Path]:
     """Write NAME.pgm, NAME.yaml and NAME.png; return their paths.
 
-    The PGM is trinary, the PNG shows the probabilities. Raises OutputError or ConfigError.
+    The PGM is trinary, the PNG shows the probabilities. Raises OutputError.
     """
     pixels = trinary_pixels(grid_map, output)
     spec = grid_map.spec
@@ -127,14 +112,17 @@ def save_map(
         'resolution': spec.resolution_m,
         'origin': [spec.origin_x_m, spec.origin_y_m, 0.0],
         'negate': 0,
-        'occupied_thresh': output.occupied_thresh,
-        'free_thresh': output.free_thresh,
+        **YAML_THRESHOLDS,
     }
     paths = {kind: writable_folder(folder) / f'{name}.{kind}' for kind in ('pgm', 'yaml', 'png')}
+    for path in paths.values():
+        if path.is_dir():
+            raise OutputError(f'{path}: is a folder; expected a name for a file')
+    # The last to be opened is the first in place: the YAML, which names the image, comes last.
     with (
-        replacing(paths['pgm']) as pgm,
-        replacing(paths['png']) as png,
         replacing(paths['yaml']) as yaml_file,
+        replacing(paths['png']) as png,
+        replacing(paths['pgm']) as pgm,
     ):
         Image.fromarray(pixels).save(pgm, format='PPM')
         picture(grid_map).save(png, format='PNG', compress_level=3)

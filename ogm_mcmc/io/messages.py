@@ -25,6 +25,7 @@ from ogm_mcmc.geometry import (
 
 __all__ = [
     'fill_grid_header',
+    'fill_grid_update',
     'frame_of',
     'read_particles',
     'read_pose',

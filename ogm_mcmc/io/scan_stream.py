@@ -70,7 +70,7 @@ class PlacedScans:
     def __post_init__(self) -> None:
         """Prepare an empty history."""
         history = PoseHistory(max_gap_s=self.choice.max_pose_gap_s)
-        self.placer = ScanPlacer(history, timeout_s=float('inf'), max_waiting=1_000_000)
+        self.placer = ScanPlacer(history, timeout_s=1.0, max_waiting=1_000_000)
 
     def __iter__(self) -> Iterator[Placement]:
         """Yield placed scans in order of their stamps."""
@@ -93,9 +93,7 @@ class PlacedScans:
             except (ScanError, PoseError) as error:
                 raise BagError(f'{where}: {error}') from error
             yield from self.placer.placed()
-        # What still waits has no later pose any more.
-        self.placer.timeout_s = -1.0
-        yield from self.placer.placed()
+        yield from self.placer.flush()
 
     def _check_frame(self, where: str, frame: str, expected: str) -> None:
         if frame != expected:

@@ -13,7 +13,7 @@ beam cell by cell and counts each, as [gibbs] writes it.
 A cell is nan until something is measured in it. "Never measured" is thereby kept apart from
 "log-odds 0", which one hit and one miss give. Log-odds are float32 and limited to plus and minus
 `log_odds_limit`: at the default 100 no probability in double precision can tell, and rounding
-stays below 1e-5 nats per hundred updates; below the limit the order of scans does not matter
+stays below 1e-3 nats per hundred updates; below the limit the order of scans does not matter
 beyond that rounding.
 
 What was tried for adding the misses, whole call with the run ends of that day, ms on scene /

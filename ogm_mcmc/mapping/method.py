@@ -25,7 +25,7 @@ class MappingMethod(Protocol):
         """Where the cells lie at present; grows on its lattice, never moves."""
         ...
 
-    def update(self, scan: Scan, belief: PoseBelief, *, upside_down: bool = False) -> CellBox:
+    def update(self, scan: Scan, belief: PoseBelief) -> CellBox:
         """Add one scan taken at a believed pose of the sensor; return the cells it may change.
 
         Raises GridError, with nothing changed, when the map would become too large.

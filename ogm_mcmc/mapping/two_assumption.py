@@ -39,7 +39,7 @@ class TwoAssumptionMapper:
         """Where the cells lie."""
         return self.grid.spec
 
-    def update(self, scan: Scan, belief: PoseBelief, *, upside_down: bool = False) -> CellBox:
+    def update(self, scan: Scan, belief: PoseBelief) -> CellBox:
         """Add one scan; see `MappingMethod.update`."""
         grid = self.grid
         rays = cast_rays(
@@ -48,7 +48,6 @@ class TwoAssumptionMapper:
             grid.spec,
             max_range_m=self.config.max_range,
             no_return_clears=self.config.no_return == 'clear',
-            upside_down=upside_down,
         )
         if rays.n_rays == 0:
             return CellBox(0, 0, 0, 0)

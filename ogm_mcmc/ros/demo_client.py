@@ -61,7 +61,7 @@ class DemoClient:
 
     def _on_diagnostics(self, msg: DiagnosticArray) -> None:
         for status in msg.status:
-            if status.name == 'online_mapper: mapping':
+            if status.name == f'{self.namespace}/online_mapper: mapping':
                 self.diagnostics = {item.key: item.value for item in status.values}
 
     def spin_while(self, condition: Callable[[], bool], timeout_s: float = float('inf')) -> bool:

@@ -18,6 +18,8 @@ from ogm_mcmc.ros.qos import LATCHED
 
 __all__ = ['GridPublisher']
 
+Endpoint = tuple[str, bytes]
+
 
 class _MessageView(MapView):
     """A view whose values live inside an OccupancyGrid."""
@@ -46,14 +48,23 @@ class GridPublisher:
         self.updates = None
         if self.update_type is not None:
             self.updates = node.create_publisher(self.update_type, f'{topic}_updates', 10)
+        self.node = node
         self.sent = 0
-        self.listeners_served = 0
+        self.copy_is_old = False  # updates have gone out since the last whole map
+        self._served: set[Endpoint] = set()
         self._sent_spec: GridSpec | None = None
 
     @property
     def listeners(self) -> int:
         """Number of subscriptions to the whole map."""
         return int(self.publisher.get_subscription_count())
+
+    def _endpoints(self, publisher: Any) -> set[Endpoint]:
+        """Return who subscribes: node and the identity of the subscription."""
+        return {
+            (f'{info.node_namespace}/{info.node_name}', bytes(info.endpoint_gid))
+            for info in self.node.get_subscriptions_info_by_topic(publisher.topic_name)
+        }
 
     def mark(self, changed: CellBox) -> None:
         """Note that cells changed."""
@@ -68,19 +79,27 @@ class GridPublisher:
         boxes = self.view.refresh()
         spec = self.view.spec
         assert spec is not None
-        followers = self.updates.get_subscription_count() if self.updates is not None else 0
-        new_listener = self.listeners > self.listeners_served
-        self.listeners_served = self.listeners
-        if followers and spec == self._sent_spec and not new_listener:
+        if self.updates is not None and not self._everybody_needs_it(spec):
             for box in boxes:
                 self._publish_update(spec, box, frame_id, stamp_ns)
-            if followers >= self.listeners and not whole:
+            self.copy_is_old = True
+            if not whole:
                 return False
         fill_grid_header(self.view.message, spec, frame_id, stamp_ns)
         self.publisher.publish(self.view.message)
         self._sent_spec = spec
+        self.copy_is_old = False
         self.sent += 1
         return True
+
+    def _everybody_needs_it(self, spec: GridSpec) -> bool:
+        """Whether updates would not do: another extent, somebody new, somebody without them."""
+        listeners = self._endpoints(self.publisher)
+        newcomers = listeners - self._served
+        self._served = listeners
+        followers = {name for name, _ in self._endpoints(self.updates)}
+        left_out = {name for name, _ in listeners} - followers
+        return spec != self._sent_spec or bool(newcomers) or bool(left_out) or not followers
 
     def _publish_update(self, spec: GridSpec, box: CellBox, frame_id: str, stamp_ns: int) -> None:
         assert self.updates is not None

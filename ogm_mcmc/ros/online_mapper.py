@@ -17,12 +17,12 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import LaserScan
 from std_srvs.srv import SetBool, Trigger
 
-from ogm_mcmc.config import MapperConfig, OutputConfig
+from ogm_mcmc.config import MapperConfig, OutputConfig, PlacingConfig
 from ogm_mcmc.errors import GridError, OgmError, PoseError, ScanError
-from ogm_mcmc.geometry import Pose2D, Scan, SensorMount
+from ogm_mcmc.geometry import Scan, SensorMount
 from ogm_mcmc.io import messages
 from ogm_mcmc.io.map_files import save_map
-from ogm_mcmc.pipeline import MappingPipeline, warm_up
+from ogm_mcmc.pipeline import MappingPipeline, sensor_mount, warm_up
 from ogm_mcmc.placement import DROP_REASONS, PoseHistory, ScanPlacer
 from ogm_mcmc.ros import qos
 from ogm_mcmc.ros.grid_publisher import GridPublisher
@@ -46,12 +46,14 @@ class OnlineMapper(Node):
         super().__init__('online_mapper', **node_options)
         self.parameters = ParameterSet(self, NODE_CONFIGS, LIVE_PARAMETERS)
         self.settings = self.parameters.read(OnlineMapperConfig)
+        self.placing = self.parameters.read(PlacingConfig)
         self.pipeline = MappingPipeline(self.parameters.read(MapperConfig))
         self.output = self.parameters.read(OutputConfig)
         self.paused = False
         self.counts: Counter[str] = Counter()
         self.mapping_s = 0.0
         self._warned_at: dict[str, float] = {}
+        self._reported: Counter[str] = Counter()
         self._last_stamp_ns = 0
         self._renewed_at = 0.0
         self._mounts: dict[str, SensorMount] = {}
@@ -91,7 +93,7 @@ class OnlineMapper(Node):
             assert self.tf is not None
             source: Any = self.tf
         else:
-            source = PoseHistory(max_gap_s=settings.max_pose_gap)
+            source = PoseHistory(max_gap_s=self.placing.max_pose_gap)
         return ScanPlacer(
             source,
             timeout_s=settings.transform_timeout,
@@ -157,6 +159,8 @@ class OnlineMapper(Node):
 
     def map_placed_scans(self) -> None:
         """Map every waiting scan whose pose is known; drop those that waited too long."""
+        if self.paused:
+            return
         for scan, belief in self.placer.placed(time.monotonic()):
             mount = self.mount_of(scan)
             if mount is None:
@@ -180,8 +184,7 @@ class OnlineMapper(Node):
     def mount_of(self, scan: Scan) -> SensorMount | None:
         """Return where the sensor of a scan sits, None while it is not known."""
         if self.settings.mount_source == 'parameters':
-            mount = self.settings.mount
-            return SensorMount(Pose2D(mount.x, mount.y, mount.yaw), mount.upside_down)
+            return sensor_mount(self.placing.mount)
         if scan.frame_id not in self._mounts:
             assert self.tf is not None
             try:
@@ -224,7 +227,7 @@ class OnlineMapper(Node):
         due = now - self._renewed_at >= self.settings.latched_interval
         publisher = self.map_publisher
         listening = publisher.listeners > 0
-        if publisher.view.stale and (listening or due):
+        if (publisher.view.stale and (listening or due)) or (due and publisher.copy_is_old):
             self.publish_map(whole=due)
         if self.entropy_publisher.view.stale and self.entropy_publisher.listeners > 0:
             self.entropy_publisher.publish(self.settings.map_frame, self._last_stamp_ns)
@@ -240,6 +243,8 @@ class OnlineMapper(Node):
         spec = self.pipeline.method.spec
         used = self.pipeline.scans_used
         problems = self.problems()
+        fresh = problems - self._reported
+        self._reported = problems
         values = {
             'scans received': self.counts['scans_received'],
             'scans used': used,
@@ -253,8 +258,8 @@ class OnlineMapper(Node):
             **{f'dropped: {reason}': count for reason, count in sorted(problems.items())},
         }
         status = DiagnosticStatus(
-            level=DiagnosticStatus.WARN if problems else DiagnosticStatus.OK,
-            name='online_mapper: mapping',
+            level=DiagnosticStatus.WARN if fresh else DiagnosticStatus.OK,
+            name=f'{self.get_fully_qualified_name()}: mapping',
             message=f'{used} scans mapped, {sum(problems.values())} messages dropped',
             hardware_id='none',
             values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
@@ -273,6 +278,8 @@ class OnlineMapper(Node):
         for publisher in (self.map_publisher, self.entropy_publisher):
             publisher.view.restart()
         self.publish_map()
+        if self.entropy_publisher.listeners > 0:
+            self.entropy_publisher.publish(self.settings.map_frame, self._last_stamp_ns)
         response.success, response.message = True, f'forgot a map of {used} scans'
         return response
 
@@ -301,10 +308,11 @@ class OnlineMapper(Node):
         """Take over what `LIVE_PARAMETERS` allows to change."""
         before = self.output
         self.settings = self.parameters.read(OnlineMapperConfig)
+        self.placing = self.parameters.read(PlacingConfig)
         self.output = self.parameters.read(OutputConfig)
         self.placer.timeout_s = self.settings.transform_timeout
         if isinstance(self.placer.source, PoseHistory):
-            self.placer.source.max_gap_ns = round(self.settings.max_pose_gap * 1e9)
+            self.placer.source.max_gap_ns = round(self.placing.max_pose_gap * 1e9)
         self.map_timer.timer_period_ns = round(self.settings.map_update_interval * 1e9)
         if self.output != before:
             self.map_publisher.view.output = self.output

@@ -34,8 +34,9 @@ class Pacer:
     services (tools of the command line, say) cannot be waited for.
     """
 
-    def __init__(self, node: Node, window: int = 4) -> None:
+    def __init__(self, node: Node, publishers: dict[str, Publisher], window: int = 4) -> None:
         self.node = node
+        self.publishers = publishers
         self.window = window
         self._clients: dict[str, Client] = {}
         self._given_up: set[str] = set()
@@ -83,7 +84,7 @@ class Pacer:
 
     def _subscribers(self) -> set[str]:
         names = set()
-        for publisher in self.node.publishers:
+        for publisher in self.publishers.values():
             for info in self.node.get_subscriptions_info_by_topic(publisher.topic_name):
                 names.add(f'{info.node_namespace.rstrip("/")}/{info.node_name}')
         return names

@@ -22,6 +22,9 @@ __all__ = ['ParameterSet']
 
 T = TypeVar('T')
 
+# Parameters that rclpy itself reads.
+OTHERS = ('use_sim_time', 'qos_overrides.', 'start_type_description_service')
+
 
 def descriptor(leaf: Setting, live: bool) -> ParameterDescriptor:
     """Return the descriptor of a setting: what it means, what it may be, when it may change."""
@@ -54,6 +57,16 @@ class ParameterSet:
                 )
             except (InvalidParameterTypeException, InvalidParameterValueException) as error:
                 raise ConfigError(f'parameter {leaf.name}: {error}') from error
+
+        self._warn_of_unknown()
+
+    def _warn_of_unknown(self) -> None:
+        """Say which given parameters nobody reads: a typo would otherwise go unnoticed."""
+        # rclpy offers no public way to what a parameter file or the command line gave.
+        given = set(getattr(self.node, '_parameter_overrides', {}))
+        for name in sorted(given):
+            if name not in self.leaves and not name.startswith(OTHERS):
+                self.node.get_logger().warning(f'parameter {name} is not known and has no effect')
 
     def values(self) -> dict[str, Any]:
         """Return all current values by dotted name."""

@@ -80,7 +80,8 @@ class Replay(Node):
         self.stopped = threading.Event()
         self.failure: BaseException | None = None
         self.outlets: dict[str, Publisher] = {}
-        self.pacer = Pacer(self)
+        self.pacer = Pacer(self, self.outlets)
+        self._wall = 0.0  # when the first message was due, on the steady clock
         self.clock_outlet = (
             self.create_publisher(Clock, '/clock', 10) if self.settings.clock else None
         )
@@ -163,36 +164,42 @@ class Replay(Node):
 
     def _play_once(self, bag: BagReader, topics: list[str]) -> None:
         start_ns = bag.start_ns + round(self.settings.start * 1e9)
+        if start_ns > bag.start_ns + bag.duration_ns:
+            raise ConfigError(
+                f'start is {self.settings.start:g} s: expected less than the '
+                f'{bag.duration_ns / 1e9:g} s the bag lasts'
+            )
         total = sum(topic.n_messages for topic in bag.topics() if topic.name in topics)
-        wall, base = time.monotonic(), start_ns
+        self._wall = time.monotonic()
         bar = tqdm(
             total=total, unit=' msg', desc='replay', disable=not self.settings.progress, leave=True
         )
         with bar:
             for record in bag.records(topics, start_ns):
-                if not self.running.is_set():
-                    paused = time.monotonic()
-                    self._until_running()
-                    wall += time.monotonic() - paused
+                self._wait_until_due(record.time_ns, start_ns)
                 if self.stopped.is_set():
                     return
-                if self.settings.rate > 0.0:
-                    due = wall + (record.time_ns - base) / 1e9 / self.settings.rate
-                    self._sleep_until(due, record.time_ns)
                 self._send_clock(record.time_ns)
                 self._publish(bag, record)
                 bar.update()
 
-    def _until_running(self) -> None:
-        while not self.running.is_set() and not self.stopped.is_set():
-            self.running.wait(LONGEST_SLEEP_S)
-
-    def _sleep_until(self, due: float, time_ns: int) -> None:
-        while (left := due - time.monotonic()) > 0.0 and not self.stopped.is_set():
-            step = min(left, CLOCK_PERIOD_S if self.clock_outlet is not None else LONGEST_SLEEP_S)
+    def _wait_until_due(self, time_ns: int, start_ns: int) -> None:
+        """Sleep until a message is due, with the clock going on; a pause puts everything off."""
+        rate = self.settings.rate
+        while not self.stopped.is_set():
+            if not self.running.is_set():
+                paused = time.monotonic()
+                self.running.wait(LONGEST_SLEEP_S)
+                self._wall += time.monotonic() - paused
+                continue
+            if rate == 0.0:
+                return
+            left = self._wall + (time_ns - start_ns) / 1e9 / rate - time.monotonic()
+            if left <= 0.0:
+                return
             if self.clock_outlet is not None:
-                self._send_clock(time_ns - round(left * self.settings.rate * 1e9))
-            time.sleep(step)
+                self._send_clock(time_ns - round(left * rate * 1e9))
+            time.sleep(min(left, LONGEST_SLEEP_S if self.clock_outlet is None else CLOCK_PERIOD_S))
 
     def _send_clock(self, time_ns: int) -> None:
         if self.clock_outlet is None:

@@ -4,25 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ogm_mcmc.config import MapperConfig, OutputConfig, check_bounds, setting
+from ogm_mcmc.config import MapperConfig, OutputConfig, PlacingConfig, check_bounds, setting
 
 __all__ = [
     'LIVE_PARAMETERS',
     'NODE_CONFIGS',
-    'MountConfig',
     'OnlineMapperConfig',
     'ReplayConfig',
 ]
-
-
-@dataclass(frozen=True)
-class MountConfig:
-    """Where the sensor sits in the base frame; used with `mount_source: parameters`."""
-
-    x: float = setting(0.0, 'sensor ahead of the base, m', low=-100.0, high=100.0)
-    y: float = setting(0.0, 'sensor to the left of the base, m', low=-100.0, high=100.0)
-    yaw: float = setting(0.0, 'heading of the sensor on the base, rad', low=-6.2832, high=6.2832)
-    upside_down: bool = setting(False, 'the sensor hangs head down: bearings run clockwise')
 
 
 @dataclass(frozen=True)
@@ -44,15 +33,11 @@ class OnlineMapperConfig:
         'where the sensor sits: mount.* parameters, or tf from base_frame to the scan frame',
         choices=('parameters', 'tf'),
     )
-    mount: MountConfig = MountConfig()
     transform_timeout: float = setting(
         1.0,
         'a scan waits this long for its pose after it and the last pose came, s',
         low=0.0,
         high=3600.0,
-    )
-    max_pose_gap: float = setting(
-        2.0, 'poses further apart than this are not interpolated, s', low=0.0, high=3600.0
     )
     max_waiting_scans: int = setting(
         1000, 'scans that may wait for a pose at once; the oldest go first', low=1, high=100000
@@ -75,7 +60,7 @@ class OnlineMapperConfig:
 
 
 # All at the top level of the node, like the names people know from slam_toolbox.
-NODE_CONFIGS = (MapperConfig, OutputConfig, OnlineMapperConfig)
+NODE_CONFIGS = (MapperConfig, OutputConfig, PlacingConfig, OnlineMapperConfig)
 
 # What may change while the node runs; the rest decides what was already mapped.
 LIVE_PARAMETERS = frozenset(

@@ -26,7 +26,7 @@ class TfTree:
         except ImportError as error:
             raise ConfigError(
                 'tf was asked for, but tf2_ros is not installed: '
-                'set pose_source and mount_source to something else, or install ros-jazzy-tf2-ros'
+                'choose another pose_source and mount_source, or install ros-jazzy-tf2-ros-py'
             ) from error
         self.map_frame = map_frame
         self.base_frame = base_frame
@@ -36,6 +36,8 @@ class TfTree:
 
     def at(self, stamp_ns: int) -> PoseBelief:
         """Return the pose of the base in the map (`PoseSource`)."""
+        if stamp_ns < 0:
+            raise Unplaceable('pose_unavailable')
         try:
             transform = self._buffer.lookup_transform(
                 self.map_frame, self.base_frame, Time(nanoseconds=stamp_ns)
@@ -47,8 +49,15 @@ class TfTree:
             raise Unplaceable('pose_unavailable') from None
         pose, upside_down = _planar(transform)
         if upside_down:
-            raise Unplaceable('pose_unavailable')
+            raise Unplaceable('pose_unusable')
         return PoseBelief(pose)
+
+    def restart(self, stamp_ns: int) -> None:
+        """Forget all transforms: time started again."""
+        self._buffer.clear()
+
+    def clear(self) -> None:
+        """Keep what tf holds: it is not ours alone (`PoseSource`)."""
 
     def mount_of(self, sensor_frame: str) -> SensorMount | None:
         """Return where a sensor sits on the base, or None while tf does not know it."""

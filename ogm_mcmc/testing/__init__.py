@@ -1,6 +1,6 @@
 """Help for the tests: slow obvious twins, hypothesis strategies, grids as ASCII pictures.
 
-Nothing in the package imports this folder. `strategies` needs hypothesis; the rest does not.
+Nothing in the package imports this folder. `strategies` needs hypothesis, `ros` needs rclpy.
 """
 
-__all__ = ['naive', 'pictures', 'strategies']
+__all__ = ['naive', 'parameter_table', 'pictures', 'ros', 'strategies']

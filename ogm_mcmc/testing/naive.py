@@ -120,16 +120,14 @@ def usable_length(reading: float, scan: Scan, config: MapperConfig) -> tuple[flo
     return (reading, True) if reading <= reach else (reach, False)
 
 
-def beams_of(
-    scan: Scan, sensor: Pose2D, config: MapperConfig, upside_down: bool = False
-) -> list[Beam]:
+def beams_of(scan: Scan, sensor: Pose2D, config: MapperConfig) -> list[Beam]:
     """Every reading that says something, as a segment in lattice coordinates."""
     beams = []
     for i, reading in enumerate(scan.ranges_m.tolist()):
         usable = usable_length(reading, scan, config)
         if usable is not None:
             bearing = scan.angle_min_rad + i * scan.angle_increment_rad
-            heading = sensor.yaw_rad + (-bearing if upside_down else bearing)
+            heading = sensor.yaw_rad + bearing
             beams.append(
                 Beam(
                     sensor.x_m / config.resolution,
@@ -154,9 +152,9 @@ class NaiveMapper:
         self.evidence: defaultdict[Cell, list[float]] = defaultdict(list)
         self.margin = 1.0
 
-    def update(self, scan: Scan, sensor: Pose2D, upside_down: bool = False) -> None:
+    def update(self, scan: Scan, sensor: Pose2D) -> None:
         """Note what a scan says about each cell."""
-        beams = beams_of(scan, sensor, self.config, upside_down)
+        beams = beams_of(scan, sensor, self.config)
         for beam in beams:
             ends = [abs(value - round(value)) for value in beam[:4]]
             self.margin = min(self.margin, corner_margin(*beam[:4]), *ends)

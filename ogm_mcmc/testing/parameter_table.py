@@ -25,7 +25,8 @@ test keeps it that way. Every wrong value is refused with the reason.
 
 "Live" parameters take effect while the node runs; a change of any other is refused. On the
 command line of `map`, `bench`, `demo` and `replay` the same names serve as options
-(`max_range` is `--max-range`), and `--params-file` takes the same YAML as the node.
+(`max_range` is `--max-range`); the first three take the node's YAML with `--params-file`, and
+refuse a name that the node does not know.
 """
 
 

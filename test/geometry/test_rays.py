@@ -101,42 +101,23 @@ def test_sensor_cell_offset_and_box():
     assert rays.box == CellBox(-6, 2, -5, 9)
 
 
-@given(scan=scans(), sensor=poses(), upside_down=st.booleans())
-@REPEATABLE
-def test_upside_down_equals_negated_bearings(scan, sensor, upside_down):
-    mirrored = Scan.checked(
-        scan.ranges_m,
-        angle_min_rad=-scan.angle_min_rad,
-        angle_increment_rad=-scan.angle_increment_rad,
-        range_min_m=scan.range_min_m,
-        range_max_m=scan.range_max_m,
-    )
-    one = cast_rays(scan, sensor, METRE_CELLS, upside_down=upside_down)
-    other = cast_rays(mirrored, sensor, METRE_CELLS, upside_down=not upside_down)
-    n = one.n_rays
-    assert n == other.n_rays
-    assert one.ends[:, :n] == approx(other.ends[:, :n], abs=1e-9)
-
-
 @given(
     scan=scans(),
     sensor=poses(),
-    upside_down=st.booleans(),
     max_range=st.sampled_from([0.0, 2.5, 6.0, 9.0]),
     no_return=st.sampled_from(['clear', 'ignore']),
     resolution=st.sampled_from([0.05, 0.25, 1.0]),
 )
 @REPEATABLE
-def test_rays_are_those_of_the_twin(scan, sensor, upside_down, max_range, no_return, resolution):
+def test_rays_are_those_of_the_twin(scan, sensor, max_range, no_return, resolution):
     config = MapperConfig(resolution=resolution, max_range=max_range, no_return=no_return)
-    beams = beams_of(scan, sensor, config, upside_down)
+    beams = beams_of(scan, sensor, config)
     rays = cast_rays(
         scan,
         sensor,
         GridSpec(resolution, 1, 1),
         max_range_m=max_range,
         no_return_clears=no_return == 'clear',
-        upside_down=upside_down,
     )
     n = rays.n_rays
     assert rays.hit[:n].tolist() == [beam.hit for beam in beams]

@@ -90,10 +90,12 @@ def test_directions_are_unit_vectors_counter_clockwise():
     assert three.directions() == approx(np.array([[1.0, 0.0, -1.0], [0.0, 1.0, 0.0]]), abs=1e-12)
 
 
-def test_upside_down_beams_run_clockwise():
+def test_beams_of_a_flipped_scan_run_clockwise():
     three = scan(angle_min_rad=0.25)
-    mirrored = three.directions(upside_down=True)
+    mirrored = three.flipped().directions()
     assert mirrored == approx(three.directions() * np.array([[1.0], [-1.0]]))
+    assert three.flipped().flipped() == three
+    assert three.flipped().ranges_m is three.ranges_m
 
 
 def test_directions_are_those_of_this_scan():

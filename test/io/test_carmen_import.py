@@ -153,7 +153,9 @@ def test_summary_is_true(convert, laser_line):
     for k in range(12):
         readings = rng.choice([1.5, 20.25, 81.83, 81.91], 180, p=[0.5, 0.4, 0.07, 0.03])
         lines.append(laser_line(float(k // 2), readings.tolist(), pose=(k, 1, 0)))
-        lines.append(f'ODOM {k} 1 0 0 0 0 0 host 0' if k % 3 == 0 else ODOM.format(x=k, time=k))
+        lines.append(
+            f'ODOM {k} 1 0 0 0 0 1e-72 host 0' if k % 3 == 0 else ODOM.format(x=k, time=k)
+        )
         lines.append('NEFF 3')
     summary, bag = convert(*lines)
     words = [word for line in lines if 'FLASER' in line for word in line.split()[2:182]]

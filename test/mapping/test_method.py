@@ -42,8 +42,8 @@ def test_the_config_offers_exactly_the_registered_methods():
 def test_update_returns_a_box_with_every_changed_cell(config, placed):
     method = make_method(config)
     before = {}
-    for scan, sensor, upside_down in placed:
-        box = method.update(scan, PoseBelief(sensor), upside_down=upside_down)
+    for scan, sensor in placed:
+        box = method.update(scan, PoseBelief(sensor))
         assert method.spec.box.covers(box)
         after = shown(method)
         for cell in set(before) | set(after):

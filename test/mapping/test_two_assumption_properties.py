@@ -36,15 +36,15 @@ def measured(method):
 
 def twin_of(config, placed):
     naive = NaiveMapper(config)
-    for scan, sensor, upside_down in placed:
-        naive.update(scan, sensor, upside_down)
+    for scan, sensor in placed:
+        naive.update(scan, sensor)
     return naive
 
 
 def assert_equals_twin(config, placed, naive):
     method = TwoAssumptionMapper(config)
-    for scan, sensor, upside_down in placed:
-        method.update(scan, PoseBelief(sensor), upside_down=upside_down)
+    for scan, sensor in placed:
+        method.update(scan, PoseBelief(sensor))
     expected, found = naive.log_odds(), measured(method)
     assert set(found) == set(expected)
     assert [found[cell] for cell in expected] == approx(list(expected.values()), abs=1e-4)
@@ -151,7 +151,7 @@ def test_one_specialization_of_each_kernel():
             {'log_odds_limit': 50, 'step': StepModelConfig(l_free=-1, l_occ=1)},
         ):
             method = mapper(fusion=fusion, **change)
-            method.update(fan(1.0, math.inf, math.nan, increment=0.3), at(), upside_down=True)
+            method.update(fan(1.0, math.inf, math.nan, increment=0.3).flipped(), at())
             method.update(fan(2.0), PoseBelief(Pose2D(3, -2, 1)))
             method.reset()
             method.update(fan(2.0), at(-70.5, 9.25, 2.0))
