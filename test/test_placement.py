@@ -1,12 +1,13 @@
 import math
 from bisect import bisect_left, bisect_right
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ogm_mcmc.geometry import Pose2D, PoseBelief, PoseSamples, interpolate
+from ogm_mcmc.geometry import Pose2D, PoseBelief, PoseSamples, Scan, interpolate
 from ogm_mcmc.placement import DROP_REASONS, PoseHistory, ScanPlacer, Unplaceable, Waiting
 from ogm_mcmc.testing.strategies import REPEATABLE, fan, stamps_ns
 
@@ -361,3 +362,27 @@ def test_every_scan_is_placed_dropped_or_waiting(arrivals, max_waiting):
     assert set(placer.dropped) <= set(DROP_REASONS)
     list(placer.placed(now_s=math.inf))
     assert len(placer) == 0
+
+
+def test_a_scan_does_not_wait_for_ever_while_poses_come():
+    """Poses of another clock, or one that repeats itself, are no reason to wait."""
+    placer = ScanPlacer(PoseHistory(), timeout_s=1.0)
+    scan = Scan.checked(
+        [1.0],
+        angle_min_rad=0.0,
+        angle_increment_rad=1.0,
+        range_min_m=0.0,
+        range_max_m=5.0,
+        stamp_ns=10**12,
+    )
+    placer.add_pose(10**9, PoseBelief(Pose2D()), now_s=0.0)
+    placer.add_scan(scan, now_s=0.0)
+    placer.add_pose(10**9, PoseBelief(Pose2D()), now_s=0.9)
+    assert list(placer.placed(1.2)) == []
+    assert placer.dropped == {'pose_out_of_order': 1, 'pose_timeout': 1}
+
+    placer.add_scan(replace(scan, stamp_ns=2 * 10**12), now_s=2.0)
+    for step in range(30):
+        placer.add_pose(10**9 + 1 + step, PoseBelief(Pose2D()), now_s=2.0 + 0.5 * step)
+        assert list(placer.placed(2.0 + 0.5 * step)) == []
+    assert placer.dropped == {'pose_out_of_order': 1, 'pose_timeout': 2}

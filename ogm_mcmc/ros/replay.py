@@ -30,7 +30,7 @@ from ogm_mcmc.io.bags import BagReader, BagRecord, BagTopic
 from ogm_mcmc.io.messages import time_parts
 from ogm_mcmc.ros.pacing import Pacer
 from ogm_mcmc.ros.parameters import ParameterSet
-from ogm_mcmc.ros.running import run_node
+from ogm_mcmc.ros.running import ros_args_explained, run_node
 from ogm_mcmc.ros.settings import ReplayConfig
 
 __all__ = ['Replay', 'main', 'replay']
@@ -311,7 +311,13 @@ def main(args: list[str] | None = None) -> None:
     parser.add_argument('bag', help='ROS 1 bag or rosbag2')
     add_arguments(parser, ReplayConfig)
     parser.add_argument('--json', action='store_true', help='print what was done as JSON')
-    options = parser.parse_args(remove_ros_args(argv)[1:])
+    try:
+        with ros_args_explained():
+            own = remove_ros_args(argv)[1:]
+    except ConfigError as error:
+        print(f'error: {error}', file=sys.stderr)
+        sys.exit(2)
+    options = parser.parse_args(own)
     sys.exit(replay(options, argv[1:]))
 
 

@@ -2,17 +2,28 @@
 
 from __future__ import annotations
 
+import contextlib
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import rclpy
 from rclpy._rclpy_pybind11 import RCLError, RCLInvalidROSArgsError, UnknownROSArgsError
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 
-from ogm_mcmc.errors import OgmError
+from ogm_mcmc.errors import ConfigError, OgmError
 
-__all__ = ['run_node']
+__all__ = ['ros_args_explained', 'run_node']
+
+
+@contextlib.contextmanager
+def ros_args_explained() -> Iterator[None]:
+    """Turn what rcl says of a wrong --ros-args into a ConfigError of one line."""
+    try:
+        yield
+    except (RCLError, RCLInvalidROSArgsError, UnknownROSArgsError) as error:
+        reason = ' '.join(str(error).split()) or 'not accepted'
+        raise ConfigError(f'--ros-args: {reason}') from error
 
 
 def run_node(
@@ -20,11 +31,10 @@ def run_node(
 ) -> int:
     """Make a node, spin it, clean up; return the exit code (2: a user's mistake)."""
     try:
-        rclpy.init(args=args)
-    except (RCLError, RCLInvalidROSArgsError, UnknownROSArgsError) as error:
-        # A parameter file that is missing, say. What rcl adds below its first line is for it.
-        reason = str(error).strip().splitlines()[0] if str(error).strip() else 'not accepted'
-        print(f'error: --ros-args: {reason}', file=sys.stderr)
+        with ros_args_explained():
+            rclpy.init(args=args)
+    except ConfigError as error:
+        print(f'error: {error}', file=sys.stderr)
         return 2
     node: Node | None = None
     try:

@@ -2,5 +2,3 @@
 
 Nothing in the package imports this folder. `strategies` needs hypothesis, `ros` needs rclpy.
 """
-
-__all__ = ['naive', 'parameter_table', 'pictures', 'ros', 'strategies']

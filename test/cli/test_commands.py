@@ -126,7 +126,9 @@ def write_scan_only_bag(path):
         (['map', '{bag}', '-o', 'notes.txt/out'], 'expected a writable folder'),
         (['map', '{bag}', '-o', 'out', '--resolution', '0'], 'resolution is 0.0'),
         (['map', '{bag}', '-o', 'out', '--resolution', 'fine'], 'resolution'),
-        (['map', '{bag}', '-o', 'out', '--free-thresh', '0.25'], 'free_thresh is 0.25'),
+        (['map', '{bag}', '-o', 'out', '--free-thresh', '0.8'], 'free_thresh is 0.8'),
+        (['map', '{bag}', '-o', 'out', '--max-pose-gap', 'nan'], 'max_pose_gap is nan'),
+        (['map', '{bag}', '-o', 'out', '--params-file', 'typo.yaml'], "'resolutoin'"),
         (['map', '{bag}', '-o', 'out', '--method', 'magic'], 'magic'),
         (['map', '{bag}', '-o', 'out', '--scan-topic', '/pose'], 'has type'),
         (['map', '{bag}', '-o', 'out', '--scan-topic', '/front'], 'no scans in it on /front'),
@@ -139,6 +141,7 @@ def write_scan_only_bag(path):
         (['replay', 'nowhere'], 'nowhere: no such file or folder'),
         (['bench', 'online', '--scene', 'notes.txt'], 'expected an NPZ'),
         (['simulate', 'moon', '-o', 'out'], 'moon'),
+        (['simulate', 'office', '-o', 'out', '--seed', '-1'], 'seed is -1'),
         (['demo', 'nowhere.log'], 'nowhere.log'),
         ([], 'COMMAND'),
     ],
@@ -148,6 +151,7 @@ def test_a_mistake_is_one_line_and_leaves_nothing(
     run_cli, office_bag, tmp_path, arguments, reason
 ):
     (tmp_path / 'notes.txt').write_text('nothing of use\n')
+    (tmp_path / 'typo.yaml').write_text('/**:\n  ros__parameters:\n    resolutoin: 0.2\n')
     (tmp_path / 'cut.log').write_text(CARMEN[:-40])
     write_scan_only_bag(tmp_path / 'scans_only')
     before = sorted(tmp_path.rglob('*'))
@@ -162,3 +166,30 @@ def test_an_existing_bag_is_not_overwritten_by_accident(run_cli, tmp_path):
     assert run_cli('import-carmen', 'a.log', '-o', 'bag').returncode == 0
     assert 'exists already' in error_of(run_cli('import-carmen', 'a.log', '-o', 'bag'))
     assert run_cli('import-carmen', 'a.log', '-o', 'bag', '--overwrite').returncode == 0
+
+
+def test_a_mount_is_taken_into_account(run_cli, tmp_path):
+    """A beam ahead and one to the left, from a sensor ahead of the base and head down."""
+    from ogm_mcmc.geometry import Pose2D
+    from ogm_mcmc.io import ros_types
+    from ogm_mcmc.io.bags import BagWriter
+
+    with BagWriter(tmp_path / 'bag') as bag:
+        known = ros_types.pose_with_covariance(1, 'map', Pose2D(0.05, 0.05), np.zeros((3, 3)))
+        bag.write('/pose', ros_types.POSE, 1, known)
+        ranges = np.array([1.0, 2.0], np.float32)
+        scan = ros_types.laser_scan(
+            1, 'laser', ranges, angle_min=0.0, angle_increment=np.pi / 2, range_max=5.0
+        )
+        bag.write('/scan', ros_types.SCAN, 1, scan)
+    (tmp_path / 'mine.yaml').write_text(
+        'online_mapper:\n  ros__parameters:\n    resolution: 0.1\n    map_frame: map\n'
+        '    mount:\n      x: 0.5\n      upside_down: true\n'
+    )
+    done = run_cli('map', 'bag', '-o', 'out', '--params-file', 'mine.yaml', '--json')
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)['settings']['mount.x'] == 0.5
+    grid_map = load_map(tmp_path / 'out' / 'map.yaml')
+    rows, columns = np.nonzero(grid_map.probability == 1.0)
+    points = {grid_map.spec.center_of(int(c), int(r)) for r, c in zip(rows, columns, strict=True)}
+    assert {(round(x, 3), round(y, 3)) for x, y in points} == {(1.55, 0.05), (0.55, -1.95)}

@@ -154,7 +154,7 @@ def test_summary_is_true(convert, laser_line):
         readings = rng.choice([1.5, 20.25, 81.83, 81.91], 180, p=[0.5, 0.4, 0.07, 0.03])
         lines.append(laser_line(float(k // 2), readings.tolist(), pose=(k, 1, 0)))
         lines.append(
-            f'ODOM {k} 1 0 0 0 0 1e-72 host 0' if k % 3 == 0 else ODOM.format(x=k, time=k)
+            f'ODOM {k} 1 0 0 0 0 99999 host 0' if k % 3 == 0 else ODOM.format(x=k, time=k)
         )
         lines.append('NEFF 3')
     summary, bag = convert(*lines)

@@ -171,7 +171,7 @@ def test_place_that_cannot_be_written_to(tmp_path, folder):
 
 def test_name_that_is_taken_by_a_folder(tmp_path):
     (tmp_path / 'map.yaml').mkdir()
-    with pytest.raises(OutputError, match=r'map\.yaml: cannot be written'):
+    with pytest.raises(OutputError, match=r'map\.yaml: is a folder'):
         save_map(MAP, tmp_path, DEFAULT)
     assert [path.name for path in tmp_path.iterdir()] == ['map.yaml']
 

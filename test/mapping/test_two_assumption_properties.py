@@ -54,7 +54,7 @@ def assert_equals_twin(config, placed, naive):
 
 # Beside the borders of cells, where kernel and twin must agree in every cell.
 sensors = poses(3.0).map(lambda p: Pose2D(p.x_m + 0.0123, p.y_m + 0.0171, p.yaw_rad))
-placed_scans = st.lists(st.tuples(scans(), sensors, st.booleans()), min_size=1, max_size=4)
+placed_scans = st.lists(st.tuples(scans(), sensors), min_size=1, max_size=4)
 configs = st.fixed_dictionaries(
     {
         'prior': st.sampled_from([0.5, 0.3]),
@@ -82,7 +82,7 @@ def test_whole_scans_equal_twin(fusion):
     placed = []
     for k in range(3):
         scan = fan(*rng.uniform(0.5, 14.0, 90), bearing=-2.0, increment=math.radians(3))
-        placed.append((scan, Pose2D(0.1 + 1.73 * k, -0.3, 0.7 * k), False))
+        placed.append((scan, Pose2D(0.1 + 1.73 * k, -0.3, 0.7 * k)))
     config = MapperConfig(fusion=fusion, resolution=0.25, step=STEP)
     naive = twin_of(config, placed)
     assert naive.margin > 1e-9

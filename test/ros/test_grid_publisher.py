@@ -15,27 +15,34 @@ from ogm_mcmc.testing.strategies import fan
 
 
 class Topic:
-    """Stands in for a publisher: counts listeners and keeps what was sent."""
+    """Stands in for a publisher: knows who listens and keeps what was sent."""
 
-    def __init__(self):
-        self.listeners = 0
+    def __init__(self, name):
+        self.topic_name = name
+        self.nodes = []
         self.sent = []
 
     def get_subscription_count(self):
-        return self.listeners
+        return len(self.nodes)
 
     def publish(self, msg):
         self.sent.append(np.array(msg.data, np.int8))
 
 
 class Node:
-    """Stands in for a node: one `Topic` per name."""
+    """Stands in for a node: one `Topic` per name; a listener is (node name, identity)."""
 
     def __init__(self):
         self.topics = {}
 
     def create_publisher(self, kind, name, qos):
-        return self.topics.setdefault(name, Topic())
+        return self.topics.setdefault(name, Topic(name))
+
+    def get_subscriptions_info_by_topic(self, name):
+        return [
+            SimpleNamespace(node_namespace='/', node_name=node, endpoint_gid=[gid])
+            for node, gid in self.topics[name].nodes
+        ]
 
 
 def update_message():
@@ -58,10 +65,13 @@ def drive(pipeline, publisher, x):
     publisher.publish('map', 0)
 
 
+RVIZ, NAV2 = ('rviz', 1), ('nav2', 2)
+
+
 def test_only_changes_go_to_those_who_follow_them(published):
     topics, pipeline, publisher = published
     whole, updates = topics['map'], topics['map_updates']
-    whole.listeners = updates.listeners = 1
+    whole.nodes, updates.nodes = [RVIZ], [RVIZ]
     drive(pipeline, publisher, 0.05)
     assert (len(whole.sent), len(updates.sent)) == (1, 0)
     drive(pipeline, publisher, 0.15)
@@ -70,20 +80,22 @@ def test_only_changes_go_to_those_who_follow_them(published):
 
 
 def test_whoever_wants_whole_maps_gets_them(published):
+    """Counting is not enough: the one who follows updates is not the one who takes maps."""
     topics, pipeline, publisher = published
     whole, updates = topics['map'], topics['map_updates']
-    whole.listeners, updates.listeners = 2, 1
+    whole.nodes, updates.nodes = [NAV2], [RVIZ]
     drive(pipeline, publisher, 0.05)
     drive(pipeline, publisher, 0.15)
-    assert (len(whole.sent), len(updates.sent)) == (2, 1)
+    assert (len(whole.sent), len(updates.sent)) == (2, 0)
 
 
-def test_a_new_listener_and_growth_bring_the_whole_map(published):
+def test_somebody_new_and_growth_bring_the_whole_map(published):
     topics, pipeline, publisher = published
     whole, updates = topics['map'], topics['map_updates']
-    whole.listeners = updates.listeners = 1
+    whole.nodes, updates.nodes = [RVIZ], [RVIZ]
     drive(pipeline, publisher, 0.05)
-    whole.listeners = updates.listeners = 2
+    # One has left and another come, between two maps.
+    whole.nodes, updates.nodes = [('rviz', 7)], [('rviz', 8)]
     drive(pipeline, publisher, 0.15)
     assert (len(whole.sent), len(updates.sent)) == (2, 0)
     drive(pipeline, publisher, 50.0)
@@ -92,21 +104,23 @@ def test_a_new_listener_and_growth_bring_the_whole_map(published):
     assert (len(whole.sent), len(updates.sent)) == (3, 1)
 
 
-def test_a_listener_that_comes_after_one_has_left_gets_the_whole_map(published):
+def test_the_latched_copy_is_known_to_grow_old(published):
     topics, pipeline, publisher = published
     whole, updates = topics['map'], topics['map_updates']
-    for listeners in (2, 1, 2):
-        whole.listeners = updates.listeners = listeners
-        drive(pipeline, publisher, 0.05)
-    assert (len(whole.sent), len(updates.sent)) == (2, 1)
-    publisher.publish('map', 0, whole=True)
-    assert len(whole.sent) == 3
+    whole.nodes, updates.nodes = [RVIZ], [RVIZ]
+    drive(pipeline, publisher, 0.05)
+    assert not publisher.copy_is_old
+    drive(pipeline, publisher, 0.15)
+    assert publisher.copy_is_old
+    assert publisher.publish('map', 0, whole=True)
+    assert len(whole.sent) == 2
+    assert not publisher.copy_is_old
 
 
 def test_followers_end_up_with_the_same_map(published):
     """Pasting the updates into the first map gives the last one."""
     topics, pipeline, publisher = published
-    topics['map'].listeners = topics['map_updates'].listeners = 1
+    topics['map'].nodes, topics['map_updates'].nodes = [RVIZ], [RVIZ]
     drive(pipeline, publisher, 0.05)
     spec = publisher.view.spec
     picture = topics['map'].sent[0].reshape(spec.height, spec.width)

@@ -161,11 +161,13 @@ def test_types_that_are_not_installed_are_left_out(tmp_path):
         (['{bag}', '--topics', 'nothing'], 'no topic nothing in it: expected one of scan, text'),
         (['{bag}', '--remap', 'nonsense'], 'expected OLD=NEW'),
         (['{bag}', '--rate', '-1'], 'rate'),
+        (['{bag}', '--start', '50', '--loop'], 'start is 50 s'),
+        (['{bag}', '--ros-args', '--params-file', 'nowhere.yaml'], 'nowhere.yaml'),
     ],
 )
 def test_mistakes_are_one_line(bag, arguments, reason):
     named = [argument.format(bag=bag) for argument in arguments]
-    with NodeProcess('replay', [*named, '--wait', '0']) as player:
+    with NodeProcess('replay', [named[0], '--wait', '0', *named[1:]]) as player:
         assert player.wait() == 2, player.output
     errors = [line for line in player.output.splitlines() if 'error' in line]
     assert len(errors) == 1, player.output

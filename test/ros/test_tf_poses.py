@@ -29,6 +29,9 @@ class Buffer:
     def put(self, target, source, second, x, y, quaternion):
         self.held.setdefault((target, source), {})[second] = (x, y, quaternion)
 
+    def clear(self):
+        self.held.clear()
+
     def lookup_transform(self, target, source, time):
         known = self.held.get((target, source), {})
         newest = max(known, default=None)
@@ -80,6 +83,28 @@ def test_scans_wait_for_tf_and_are_never_misplaced(tree):
     placer.add_scan(scan_at(9), now_s=1.0)
     assert list(placer.placed(2.5)) == []
     assert placer.dropped == {'pose_unavailable': 1, 'pose_timeout': 1}
+
+
+def test_a_base_that_is_not_level_is_counted_and_nothing_else(tree):
+    placer = ScanPlacer(tree)
+    tree._buffer.put('map', 'base_link', 5, 1.0, 2.0, (math.sin(0.4), 0.0, 0.0, math.cos(0.4)))
+    tree._buffer.put('map', 'base_link', 6, 1.0, 2.0, HEAD_DOWN)
+    placer.add_scan(scan_at(5))
+    placer.add_scan(scan_at(6))
+    assert list(placer.placed(0.0)) == []
+    assert placer.dropped == {'pose_unusable': 2}
+
+
+def test_a_restart_of_time_empties_the_buffer(tree):
+    placer = ScanPlacer(tree)
+    tree._buffer.put('map', 'base_link', 50, 1.0, 2.0, LEVEL)
+    placer.add_scan(scan_at(50))
+    assert len(list(placer.placed(0.0))) == 1
+    placer.add_scan(scan_at(3))
+    tree._buffer.put('map', 'base_link', 4, 7.0, 2.0, LEVEL)
+    placer.add_scan(scan_at(4))
+    assert [placement.belief.mean.x_m for placement in placer.placed(0.1)] == [7.0]
+    assert placer.dropped == {'scan_jumped_back': 1}
 
 
 def test_mounts_from_tf(tree):

@@ -1,5 +1,6 @@
 """replay -> DDS -> online_mapper -> OccupancyGrid, each in a process of its own."""
 
+import itertools
 import signal
 import time
 
@@ -15,11 +16,15 @@ from rcl_interfaces.srv import DescribeParameters, SetParameters
 from std_srvs.srv import SetBool, Trigger
 
 from ogm_mcmc.config import MapperConfig, OutputConfig
+from ogm_mcmc.geometry import Pose2D
 from ogm_mcmc.io.bags import BagReader
 from ogm_mcmc.io.map_files import load_map
+from ogm_mcmc.io.recording_bag import write_recording
 from ogm_mcmc.io.scan_stream import PlacedScans, StreamChoice, choose_topics
 from ogm_mcmc.pipeline import MappingPipeline, MapView
 from ogm_mcmc.ros.qos import LATCHED
+from ogm_mcmc.simulation import Lidar, record
+from ogm_mcmc.simulation.worlds import office
 from ogm_mcmc.testing.ros import NodeProcess, Observer
 
 pytestmark = [pytest.mark.ros]
@@ -145,6 +150,30 @@ def test_services_and_parameters(office_bag, mapper, tmp_path):
         assert reset.success
         observer.until(lambda: (as_array(maps[-1]) == -1).all())
     assert mapper.stop(signal.SIGTERM) == 0, mapper.output
+
+
+def test_reset_while_the_robot_is_far_from_the_origin(mapper, tmp_path):
+    """The window of the map starts anew somewhere else; nothing of the old one may matter."""
+    recording = [
+        (scan, Pose2D(pose.x_m + 500.0, pose.y_m, pose.yaw_rad))
+        for scan, pose in itertools.islice(
+            record(office(), Lidar(beams=30), np.random.default_rng(9)), 20
+        )
+    ]
+    write_recording(tmp_path / 'far', recording)
+    with Observer() as observer:
+        maps = observer.collect(OccupancyGrid, 'map', LATCHED)
+        reports = observer.collect(DiagnosticArray, '/diagnostics', 10)
+        for _ in range(2):
+            with replay(tmp_path / 'far', '--rate', 0) as player:
+                observer.until(lambda: not player.running(), 60.0)
+            observer.until(lambda: bool(reports) and values_of(reports)['scans used'] == '20')
+            observer.until(lambda: bool(maps) and (as_array(maps[-1]) >= 0).any())
+            assert maps[-1].info.origin.position.x > 400.0
+            assert observer.call(Trigger, 'online_mapper/reset', Trigger.Request()).success
+            observer.until(lambda: (as_array(maps[-1]) == -1).all())
+    assert mapper.stop() == 0, mapper.output
+    assert 'Traceback' not in mapper.output, mapper.output
 
 
 def set_parameter(observer, name, value):
