@@ -51,7 +51,7 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
-            'ogm_mcmc = ogm_mcmc.cli.main:main',
+            'ogm_mcmc = ogm_mcmc.cli.entry:main',
             'online_mapper = ogm_mcmc.ros.online_mapper:main',
             'replay = ogm_mcmc.ros.replay:main',
         ],

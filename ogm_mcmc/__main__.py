@@ -1,5 +1,5 @@
 """`python3 -m ogm_mcmc`."""
 
-from ogm_mcmc.cli.main import main
+from ogm_mcmc.cli.entry import main
 
 main()

@@ -25,14 +25,17 @@ NS_PER_S = 1_000_000_000
 # Stamps that go back further than this are a restart (a bag played again), not a late message.
 RESTART_NS = NS_PER_S
 
+# Nor are so many in a row that go back less: a bag of under a second played again.
+RESTART_AFTER = 10
+
 # While poses come in, a scan waits for its own, but not longer than so many timeouts.
 PATIENCE = 10.0
 
 DROP_REASONS = {
     'scan_out_of_order': 'its stamp is not later than the scan before it',
-    'scan_jumped_back': 'its stamp is more than 1 s before the scan before it',
+    'scan_jumped_back': 'its stamp is more than 1 s before the scan before it, or again and again',
     'pose_out_of_order': 'the pose is not later than the pose before it',
-    'pose_jumped_back': 'the pose is more than 1 s before the pose before it; history restarted',
+    'pose_jumped_back': 'the pose goes back more than 1 s, or again and again; history restarted',
     'before_restart': 'it waited for a pose when time started again',
     'scan_before_poses': 'it is older than every pose known',
     'pose_gap': 'the poses before and after it are too far apart',
@@ -75,16 +78,20 @@ class PoseHistory:
         self.keep = keep
         self.stamps: list[int] = []
         self.beliefs: list[PoseBelief] = []
+        self._late = 0  # in a row
 
     def add(self, stamp_ns: int, belief: PoseBelief) -> str | None:
         """Take a pose; return the reason when it was dropped (or restarted the history)."""
         if self.stamps and stamp_ns <= self.stamps[-1]:
-            if self.stamps[-1] - stamp_ns <= RESTART_NS:
+            # A source that repeats one stamp is stuck, not restarted.
+            self._late += stamp_ns < self.stamps[-1]
+            if self.stamps[-1] - stamp_ns <= RESTART_NS and self._late <= RESTART_AFTER:
                 return 'pose_out_of_order'
             self.clear()
             self.stamps.append(stamp_ns)
             self.beliefs.append(belief)
             return 'pose_jumped_back'
+        self._late = 0
         self.stamps.append(stamp_ns)
         self.beliefs.append(belief)
         if len(self.stamps) > 2 * self.keep:
@@ -100,6 +107,7 @@ class PoseHistory:
         """Forget all poses."""
         self.stamps.clear()
         self.beliefs.clear()
+        self._late = 0
 
     def at(self, stamp_ns: int) -> PoseBelief:
         """Return the belief at a stamp; raises Waiting or Unplaceable."""
@@ -172,6 +180,7 @@ class ScanPlacer:
         self.dropped: Counter[str] = Counter()
         self._waiting: deque[_Queued] = deque()
         self._last_stamp_ns: dict[str, int] = {}
+        self._late: Counter[str] = Counter()  # by frame, in a row
         self._last_pose_s = -float('inf')
 
     def __len__(self) -> int:
@@ -188,14 +197,18 @@ class ScanPlacer:
         """Queue a scan; `now_s` is the time of arrival on any steady clock."""
         last = self._last_stamp_ns.get(scan.frame_id)
         if last is not None and scan.stamp_ns <= last:
-            if last - scan.stamp_ns <= RESTART_NS:
+            self._late[scan.frame_id] += scan.stamp_ns < last
+            in_a_row = self._late[scan.frame_id]
+            if last - scan.stamp_ns <= RESTART_NS and in_a_row <= RESTART_AFTER:
                 self.drop('scan_out_of_order', scan)
                 return
+            self._late.clear()
             self._restart(scan.stamp_ns)
             self._last_stamp_ns[scan.frame_id] = scan.stamp_ns
             self.drop('scan_jumped_back', scan)
             return
         self._last_stamp_ns[scan.frame_id] = scan.stamp_ns
+        self._late[scan.frame_id] = 0
         if len(self._waiting) >= self.max_waiting:
             self.drop('queue_full', self._waiting.popleft().scan)
         self._waiting.append(_Queued(scan, now_s))

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import argparse
 import os
+import signal
 import sys
+import threading
 
 from ogm_mcmc import __version__
 from ogm_mcmc.cli import bench, demo, import_carmen, info, map_bag, replay, simulate
 from ogm_mcmc.errors import OgmError
 
-__all__ = ['main', 'run']
+__all__ = ['run']
 
 COMMANDS = (map_bag, import_carmen, simulate, info, replay, bench, demo)
 
@@ -30,6 +32,9 @@ def make_parser() -> argparse.ArgumentParser:
 def run(argv: list[str] | None = None) -> int:
     """Run a command; return the exit code."""
     options = make_parser().parse_args(argv)
+    if threading.current_thread() is threading.main_thread():
+        # Leave through every `with`, so that nothing half-written stays behind.
+        signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
     try:
         return int(options.run(options))
     except OgmError as error:
@@ -41,8 +46,3 @@ def run(argv: list[str] | None = None) -> int:
         # Whoever read our output has gone; nothing is left to say, also not at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
-
-
-def main() -> None:
-    """Entry point of the installed script."""
-    sys.exit(run())

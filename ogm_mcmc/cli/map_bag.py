@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import tempfile
 import time
 from pathlib import Path
 from typing import Any
@@ -20,9 +21,10 @@ from ogm_mcmc.cli.options import (
     stream_choice,
 )
 from ogm_mcmc.config import MapperConfig, OutputConfig, PlacingConfig, flatten
-from ogm_mcmc.errors import BagError
+from ogm_mcmc.errors import BagError, OutputError
+from ogm_mcmc.geometry import GridMap
 from ogm_mcmc.io.bags import BagReader
-from ogm_mcmc.io.map_files import replacing, save_map, save_npz, writable_folder
+from ogm_mcmc.io.map_files import checked_name, save_map, save_npz, writable_folder
 from ogm_mcmc.io.scan_stream import PlacedScans, choose_topics
 from ogm_mcmc.pipeline import MappingPipeline, sensor_mount
 
@@ -52,6 +54,7 @@ def run(options: argparse.Namespace) -> int:
     mount = sensor_mount(placing.mount)
     pipeline = MappingPipeline(config)
     # What cannot be saved is better said before the work than after it.
+    checked_name(options.name)
     writable_folder(options.folder)
     started = time.perf_counter()
     with BagReader(options.bag) as bag:
@@ -69,8 +72,8 @@ def run(options: argparse.Namespace) -> int:
         )
     settings = {**flatten(config), **flatten(output), **flatten(placing)}
     grid_map = pipeline.map()
-    paths = save_map(grid_map, options.folder, output, options.name)
-    paths['npz'] = save_npz(grid_map, options.folder / f'{options.name}.npz', settings)
+    kinds = ('npz', 'json', 'png', 'pgm', 'yaml')
+    paths = {kind: options.folder / f'{options.name}.{kind}' for kind in kinds}
     result: dict[str, Any] = {
         'bag': str(options.bag),
         'scan_topic': topics.scan.name,
@@ -82,13 +85,34 @@ def run(options: argparse.Namespace) -> int:
         'height': grid_map.spec.height,
         'origin': [grid_map.spec.origin_x_m, grid_map.spec.origin_y_m],
         'seconds': round(time.perf_counter() - started, 3),
-        'files': {kind: str(path) for kind, path in paths.items()},
+        'files': {kind: str(path) for kind, path in paths.items() if kind != 'json'},
         'settings': settings,
     }
-    with replacing(options.folder / f'{options.name}.json') as path:
-        path.write_text(json.dumps(result, indent=2) + '\n', encoding='utf-8')
+    _write(grid_map, output, settings, result, paths)
     print_result(options, result, _text(result))
     return 0
+
+
+def _write(
+    grid_map: GridMap,
+    output: OutputConfig,
+    settings: dict[str, Any],
+    result: dict[str, Any],
+    paths: dict[str, Path],
+) -> None:
+    """Write all files of a map under other names first: an old set is replaced as a whole."""
+    folder, name = paths['yaml'].parent, paths['yaml'].stem
+    for path in paths.values():
+        if path.is_dir():
+            raise OutputError(f'{path}: is a folder; expected a name for a file')
+    with tempfile.TemporaryDirectory(dir=folder, prefix=f'.{name}-') as scratch:
+        save_map(grid_map, Path(scratch), output, name)
+        save_npz(grid_map, Path(scratch) / f'{name}.npz', settings)
+        (Path(scratch) / f'{name}.json').write_text(
+            json.dumps(result, indent=2) + '\n', encoding='utf-8'
+        )
+        for path in paths.values():
+            (Path(scratch) / path.name).replace(path)
 
 
 def _text(result: dict[str, Any]) -> str:

@@ -46,6 +46,8 @@ class ImportOptions:
         numbers = (self.range_max_m, self.repeat_step_s, self.time_offset_s)
         if not all(map(math.isfinite, numbers)):
             raise ConfigError(f'range_max, repeat_step, time_offset {numbers}: expected finite')
+        if self.repeat_step_s > 3600.0 or self.particles > 1_000_000:
+            raise ConfigError('expected repeat_step up to 3600 s and up to 1000000 particles')
         if self.range_max_m < 0.0 or self.repeat_step_s <= 0.0 or self.particles < 0:
             raise ConfigError('expected range_max >= 0, particles >= 0 and a positive repeat_step')
 

@@ -26,7 +26,15 @@ from ogm_mcmc.errors import MapFileError, OutputError
 from ogm_mcmc.geometry import GridMap, GridSpec
 from ogm_mcmc.geometry.grid_map import trinary_values
 
-__all__ = ['load_map', 'replacing', 'save_map', 'save_npz', 'trinary_pixels', 'writable_folder']
+__all__ = [
+    'checked_name',
+    'load_map',
+    'replacing',
+    'save_map',
+    'save_npz',
+    'trinary_pixels',
+    'writable_folder',
+]
 
 OCCUPIED, UNKNOWN, FREE = 0, 205, 254
 
@@ -74,6 +82,13 @@ def writable_folder(path: Path) -> Path:
     return path
 
 
+def checked_name(name: str) -> str:
+    """Return a name for map files; raises OutputError unless it is a plain file name."""
+    if not name or name.startswith('.') or Path(name).name != name:
+        raise OutputError(f'name of the map is {name!r}: expected a file name without folders')
+    return name
+
+
 def trinary_pixels(grid_map: GridMap, output: OutputConfig) -> UInt8Array:
     """Pixels of the map image (height, width), top row highest y."""
     values = trinary_values(grid_map.probability, output.occupied_thresh, output.free_thresh)
@@ -114,6 +129,7 @@ def save_map(
         'negate': 0,
         **YAML_THRESHOLDS,
     }
+    checked_name(name)
     paths = {kind: writable_folder(folder) / f'{name}.{kind}' for kind in ('pgm', 'yaml', 'png')}
     for path in paths.values():
         if path.is_dir():

@@ -10,6 +10,7 @@ from typing import Any, Self
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import OccupancyGrid
+from rclpy.executors import ExternalShutdownException
 from std_srvs.srv import Trigger
 
 from ogm_mcmc.errors import OgmError, OutputError
@@ -70,7 +71,10 @@ class DemoClient:
         while condition():
             if time.monotonic() > deadline:
                 return False
-            rclpy.spin_once(self.node, timeout_sec=0.05)
+            try:
+                rclpy.spin_once(self.node, timeout_sec=0.05)
+            except ExternalShutdownException:
+                raise KeyboardInterrupt from None  # SIGTERM: leave as on Ctrl-C
         return True
 
     def wait_for_mapper(self, timeout_s: float, alive: Callable[[], bool]) -> None:

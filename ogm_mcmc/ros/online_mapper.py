@@ -275,6 +275,7 @@ class OnlineMapper(Node):
         used = self.pipeline.scans_used
         self.pipeline.reset()
         self.placer.clear()
+        self.mapping_s = 0.0
         for publisher in (self.map_publisher, self.entropy_publisher):
             publisher.view.restart()
         self.publish_map()
@@ -314,6 +315,7 @@ class OnlineMapper(Node):
         if isinstance(self.placer.source, PoseHistory):
             self.placer.source.max_gap_ns = round(self.placing.max_pose_gap * 1e9)
         self.map_timer.timer_period_ns = round(self.settings.map_update_interval * 1e9)
+        self.map_timer.reset()  # or the old period would run out first
         if self.output != before:
             self.map_publisher.view.output = self.output
             self.map_publisher.mark(self.pipeline.changed)

@@ -20,7 +20,8 @@ from rclpy.publisher import Publisher
 __all__ = ['Pacer']
 
 LOOK_EVERY_S = 1.0
-GIVE_UP_S = 10.0
+GIVE_UP_S = 5.0
+RETRY_S = 2.0
 
 # A subscription is discovered before the name of the node it belongs to.
 UNKNOWN = '_NODE_NAME_UNKNOWN_'
@@ -39,7 +40,7 @@ class Pacer:
         self.publishers = publishers
         self.window = window
         self._clients: dict[str, Client] = {}
-        self._given_up: set[str] = set()
+        self._given_up: dict[str, float] = {}  # by name: until when
         self._since: Counter[str] = Counter()
         self._looked_at = -LOOK_EVERY_S
 
@@ -55,10 +56,10 @@ class Pacer:
         self._look()
         for _ in range(turns):
             for name, client in list(self._clients.items()):
-                if not self._answered(client, stopped) and not stopped.is_set():
-                    self.node.get_logger().warning(f'{name} does not answer: not waiting for it')
-                    self._given_up.add(name)
-                    del self._clients[name]
+                if stopped.is_set():
+                    break
+                if not self._answered(name, client, stopped):
+                    self.node.destroy_client(self._clients.pop(name))
         self._since.clear()
 
     def _look(self) -> None:
@@ -72,12 +73,14 @@ class Pacer:
         while any(UNKNOWN in name for name in names) and time.monotonic() < deadline:
             time.sleep(0.02)
             names = self._subscribers()
-        for name in names - self._clients.keys() - self._given_up:
+        for name in names - self._clients.keys():
+            if time.monotonic() < self._given_up.get(name, 0.0):
+                continue
             client = self.node.create_client(GetParameters, f'{name}/get_parameters')
             if client.wait_for_service(timeout_sec=0.5):
                 self._clients[name] = client
             else:
-                self._given_up.add(name)
+                self._given_up[name] = time.monotonic() + RETRY_S
                 self.node.destroy_client(client)
         for name in self._clients.keys() - names:
             self.node.destroy_client(self._clients.pop(name))
@@ -89,13 +92,21 @@ class Pacer:
                 names.add(f'{info.node_namespace.rstrip("/")}/{info.node_name}')
         return names
 
-    def _answered(self, client: Client, stopped: threading.Event) -> bool:
+    def _answered(self, name: str, client: Client, stopped: threading.Event) -> bool:
+        """Ask and wait; False when the node has gone or does not answer in time."""
         done = threading.Event()
         future = client.call_async(GetParameters.Request())
         future.add_done_callback(lambda _: done.set())
         deadline = time.monotonic() + GIVE_UP_S
-        while not done.wait(0.05):
-            if stopped.is_set() or time.monotonic() > deadline:
+        while not done.wait(0.02):
+            if stopped.is_set() or not client.service_is_ready():
                 client.remove_pending_request(future)
+                return False
+            if time.monotonic() > deadline:
+                client.remove_pending_request(future)
+                self._given_up[name] = time.monotonic() + RETRY_S
+                self.node.get_logger().warning(
+                    f'{name} does not answer: not waiting for it for {RETRY_S:g} s'
+                )
                 return False
         return True

@@ -14,6 +14,8 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
+from rclpy._rclpy_pybind11 import RCLError
+from rclpy.exceptions import NameValidationException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -142,11 +144,20 @@ class Replay(Node):
 
     def _advertise(self, topics: list[BagTopic]) -> None:
         renamed = _remaps(self.settings.remap)
+        for old in renamed.keys() - {topic.name.lstrip('/') for topic in topics}:
+            raise ConfigError(f'remap of {old}: no such topic is published')
         for topic in topics:
             message_class = _message_class(topic.msgtype)
             # Absolute names become relative, so that namespaces and ROS remaps apply.
             name = renamed.get(topic.name.lstrip('/'), topic.name.lstrip('/'))
-            self.outlets[topic.name] = self.create_publisher(message_class, name, _profile(topic))
+            try:
+                outlet = self.create_publisher(message_class, name, _profile(topic))
+            except (NameValidationException, RCLError) as error:
+                reason = ' '.join(str(error).split())
+                raise ConfigError(
+                    f'{topic.name} cannot be published as {name}: {reason}'
+                ) from error
+            self.outlets[topic.name] = outlet
 
     def _wait_for_subscribers(self) -> None:
         """Wait until every topic that is listened to at all has been discovered."""
@@ -262,7 +273,7 @@ def _spin_while_playing(node: Replay) -> None:
     def work() -> None:
         try:
             node.play()
-        except rclpy._rclpy_pybind11.RCLError as error:
+        except RCLError as error:
             # On Ctrl-C the context may go while a message is being published.
             if rclpy.ok():
                 node.failure = error

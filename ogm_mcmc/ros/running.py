@@ -23,7 +23,7 @@ def ros_args_explained() -> Iterator[None]:
         yield
     except (RCLError, RCLInvalidROSArgsError, UnknownROSArgsError) as error:
         reason = ' '.join(str(error).split()) or 'not accepted'
-        raise ConfigError(f'--ros-args: {reason}') from error
+        raise ConfigError(f'ROS cannot start with these arguments: {reason}') from error
 
 
 def run_node(
@@ -42,6 +42,10 @@ def run_node(
         spin(node)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
+    except RCLError:
+        # Told to stop while still starting: the context goes before the node is complete.
+        if rclpy.ok():
+            raise
     except OgmError as error:
         print(f'error: {error}', file=sys.stderr)
         return 2

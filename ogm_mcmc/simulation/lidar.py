@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,10 +44,10 @@ class Lidar:
 
     def __post_init__(self) -> None:
         """Refuse what is no lidar."""
-        require(self.beams > 0, 'beams', self.beams, 'needs at least one')
-        valid = 0.0 <= self.range_min_m < self.range_max_m
-        require(valid, 'range_max', self.range_max_m, 'must be above range_min')
-        require(self.noise_m >= 0.0, 'noise', self.noise_m, 'must not be negative')
+        require(0 < self.beams <= 100_000, 'beams', self.beams, 'expected 1 to 100000')
+        valid = 0.0 <= self.range_min_m < self.range_max_m < math.inf
+        require(valid, 'range_max', self.range_max_m, 'must be above range_min, and finite')
+        require(0.0 <= self.noise_m < math.inf, 'noise', self.noise_m, 'expected 0 or more')
         require(0.0 <= self.dropout < 1.0, 'dropout', self.dropout, 'must be in [0, 1)')
 
     @property

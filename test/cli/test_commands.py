@@ -1,6 +1,10 @@
 """The command line as a user meets it: results, JSON, and one line for every mistake."""
 
 import json
+import signal
+import subprocess
+import sys
+import time
 
 import numpy as np
 import pytest
@@ -193,3 +197,31 @@ def test_a_mount_is_taken_into_account(run_cli, tmp_path):
     rows, columns = np.nonzero(grid_map.probability == 1.0)
     points = {grid_map.spec.center_of(int(c), int(r)) for r, c in zip(rows, columns, strict=True)}
     assert {(round(x, 3), round(y, 3)) for x, y in points} == {(1.55, 0.05), (0.55, -1.95)}
+
+
+@pytest.mark.parametrize('how', [signal.SIGINT, signal.SIGTERM])
+def test_a_stop_in_the_middle_leaves_the_old_map_or_the_new_one(office_bag, tmp_path, how):
+    """Whenever it comes: no traceback, no other file, and never half of a set."""
+    folder = tmp_path / 'maps'
+    command = [sys.executable, '-m', 'ogm_mcmc', 'map', str(office_bag), '-o', str(folder)]
+    subprocess.run([*command, '--resolution', '0.2'], check=True, capture_output=True)
+    names = sorted(path.name for path in folder.iterdir())
+    for delay_s in (0.2, 0.7, 1.0, 1.2, 1.4):
+        process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+        time.sleep(delay_s)
+        process.send_signal(how)
+        _, errors = process.communicate(timeout=60)
+        if process.returncode >= 0:  # else it was still the interpreter that started
+            assert process.returncode in (0, 130, 143)
+            assert 'Traceback' not in errors
+        assert sorted(path.name for path in folder.iterdir()) == names
+        settings = json.loads((folder / 'map.json').read_text())['settings']
+        described = yaml.safe_load((folder / 'map.yaml').read_text())
+        assert described['resolution'] == settings['resolution']
+
+
+@pytest.mark.parametrize('name', ['', '..', '../map', 'a/b', '.map'])
+def test_map_names_stay_inside_the_folder(run_cli, office_bag, tmp_path, name):
+    done = run_cli('map', office_bag, '-o', 'maps', '--name', name)
+    assert 'expected a file name' in error_of(done)
+    assert list(tmp_path.iterdir()) == []

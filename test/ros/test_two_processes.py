@@ -3,6 +3,7 @@
 import itertools
 import signal
 import time
+from functools import partial
 
 import numpy as np
 import pytest
@@ -128,6 +129,8 @@ def test_services_and_parameters(office_bag, mapper, tmp_path):
         observer.until(lambda: values_of(reports)['scans used'] == '1158')
         observer.until(lambda: bool(maps) and set(np.unique(as_array(maps[-1]))) > {-1, 0, 100})
 
+        assert set_parameter(observer, 'map_update_interval', 3000.0).successful
+        assert set_parameter(observer, 'map_update_interval', 0.2).successful
         answer = set_parameter(observer, 'output', 'trinary')
         assert answer.successful
         observer.until(lambda: set(np.unique(as_array(maps[-1]))) == {-1, 0, 100})
@@ -150,6 +153,28 @@ def test_services_and_parameters(office_bag, mapper, tmp_path):
         assert reset.success
         observer.until(lambda: (as_array(maps[-1]) == -1).all())
     assert mapper.stop(signal.SIGTERM) == 0, mapper.output
+
+
+def more_than_500_used(reports):
+    return bool(reports) and int(values_of(reports)['scans used']) > 500
+
+
+def test_replay_waits_again_for_a_mapper_that_was_restarted(office_bag):
+    """At rate 0: nobody is flooded, nobody is waited for after it has gone."""
+    with replay(office_bag, '--rate', 0, '--loop') as player:
+        for _ in range(2):
+            with NodeProcess('online_mapper') as node, Observer() as observer:
+                reports = observer.collect(DiagnosticArray, '/diagnostics', 10)
+                observer.until(partial(more_than_500_used, reports), 60.0)
+                values = values_of(reports)
+                started = time.monotonic()
+                assert node.stop() == 0, node.output
+                assert time.monotonic() - started < 5.0
+            lost = int(values['scans received']) - int(values['scans used'])
+            # Only what is lost where the recording starts again, and what is on its way.
+            assert lost < 60, values
+        assert player.stop() == 0, player.output
+    assert 'Traceback' not in player.output
 
 
 def test_reset_while_the_robot_is_far_from_the_origin(mapper, tmp_path):
