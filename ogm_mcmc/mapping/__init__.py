@@ -22,7 +22,8 @@ branch each 1.8 / 30 / 104; **lanes of 32 with a select 1.00 / 14.9 / 38.4**. Th
 the large kernel instead of in a function of its own, or with the test for an empty half around
 it instead of `continue`, is not turned into SIMD and takes 2.3 times as long. Of 8.3 us for one
 scan of the scene today, marking takes 3.0, planning 1.5, end points 1.0, misses and hits 0.6,
-and Python and two kernel calls 2.3. `error_model='numpy'` changes nothing.
+and Python and two kernel calls 2.3: one call for all, and a plan that knows that all rays start
+at the same point, are what to try next. `error_model='numpy'` changes nothing.
 """
 
 from ogm_mcmc.mapping.log_odds_grid import LogOddsGrid
