@@ -22,6 +22,7 @@ __all__ = ['Pacer']
 LOOK_EVERY_S = 1.0
 GIVE_UP_S = 5.0
 RETRY_S = 2.0
+SERVICE_S = 2.0  # a node's services may be discovered after its subscriptions
 
 # A subscription is discovered before the name of the node it belongs to.
 UNKNOWN = '_NODE_NAME_UNKNOWN_'
@@ -43,11 +44,18 @@ class Pacer:
         self._given_up: dict[str, float] = {}  # by name: until when
         self._since: Counter[str] = Counter()
         self._looked_at = -LOOK_EVERY_S
+        self._subscriptions = 0
 
     def sent(self, publisher: Publisher, stopped: threading.Event) -> None:
         """Count a message; wait when its topic has used up the window."""
         self._since[publisher.topic_name] += 1
-        if self._since[publisher.topic_name] >= self.window:
+        subscriptions = sum(p.get_subscription_count() for p in self.publishers.values())
+        if subscriptions != self._subscriptions:
+            # Somebody came or went: whoever came must not be flooded until the next look.
+            self._subscriptions = subscriptions
+            self._looked_at = -LOOK_EVERY_S
+            self.wait(stopped)
+        elif self._since[publisher.topic_name] >= self.window:
             self.wait(stopped)
 
     def wait(self, stopped: threading.Event) -> None:
@@ -77,7 +85,7 @@ class Pacer:
             if time.monotonic() < self._given_up.get(name, 0.0):
                 continue
             client = self.node.create_client(GetParameters, f'{name}/get_parameters')
-            if client.wait_for_service(timeout_sec=0.5):
+            if client.wait_for_service(timeout_sec=SERVICE_S):
                 self._clients[name] = client
             else:
                 self._given_up[name] = time.monotonic() + RETRY_S

@@ -171,8 +171,9 @@ def test_replay_waits_again_for_a_mapper_that_was_restarted(office_bag):
                 assert node.stop() == 0, node.output
                 assert time.monotonic() - started < 5.0
             lost = int(values['scans received']) - int(values['scans used'])
-            # Only what is lost where the recording starts again, and what is on its way.
-            assert lost < 60, values
+            # Only what is lost where the recording starts again, and what is on its way: a mapper
+            # that is flooded loses about half.
+            assert lost < 60 + 0.1 * int(values['scans received']), values
         assert player.stop() == 0, player.output
     assert 'Traceback' not in player.output
 
