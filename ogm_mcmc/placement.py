@@ -82,21 +82,19 @@ class PoseHistory:
 
     def add(self, stamp_ns: int, belief: PoseBelief) -> str | None:
         """Take a pose; return the reason when it was dropped (or restarted the history)."""
-        if self.stamps and stamp_ns <= self.stamps[-1]:
+        restarted = bool(self.stamps) and stamp_ns <= self.stamps[-1]
+        if restarted:
             # A source that repeats one stamp is stuck, not restarted.
             self._late += stamp_ns < self.stamps[-1]
             if self.stamps[-1] - stamp_ns <= RESTART_NS and self._late <= RESTART_AFTER:
                 return 'pose_out_of_order'
             self.clear()
-            self.stamps.append(stamp_ns)
-            self.beliefs.append(belief)
-            return 'pose_jumped_back'
         self._late = 0
         self.stamps.append(stamp_ns)
         self.beliefs.append(belief)
         if len(self.stamps) > 2 * self.keep:
             del self.stamps[: -self.keep], self.beliefs[: -self.keep]
-        return None
+        return 'pose_jumped_back' if restarted else None
 
     def restart(self, stamp_ns: int) -> None:
         """Forget all poses if any lies ahead of a stamp: time started again there."""
