@@ -1,0 +1,37 @@
+"""Settings: what may be set (`mapping`), and how a setting is declared and read (`settings`)."""
+
+from ogm_mcmc.config.mapping import (
+    MapperConfig,
+    MountConfig,
+    OutputConfig,
+    PlacingConfig,
+    StepModelConfig,
+)
+from ogm_mcmc.config.settings import (
+    Setting,
+    add_arguments,
+    build,
+    check_bounds,
+    flatten,
+    given,
+    read_parameter_file,
+    setting,
+    settings_of,
+)
+
+__all__ = [
+    'MapperConfig',
+    'MountConfig',
+    'OutputConfig',
+    'PlacingConfig',
+    'Setting',
+    'StepModelConfig',
+    'add_arguments',
+    'build',
+    'check_bounds',
+    'flatten',
+    'given',
+    'read_parameter_file',
+    'setting',
+    'settings_of',
+]
