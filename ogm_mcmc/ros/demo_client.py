@@ -14,6 +14,7 @@ from rclpy.executors import ExternalShutdownException
 from std_srvs.srv import Trigger
 
 from ogm_mcmc.errors import OgmError, OutputError
+from ogm_mcmc.ros.asking import ask
 from ogm_mcmc.ros.qos import LATCHED
 
 __all__ = ['DemoClient']
@@ -86,10 +87,9 @@ class DemoClient:
 
     def save_map(self, timeout_s: float) -> str:
         """Ask the mapper to save; return the path of the YAML file."""
-        future = self.saver.call_async(Trigger.Request())
-        if not self.spin_while(lambda: not future.done(), timeout_s):
+        response = ask(self.saver, Trigger.Request(), self.spin_while, timeout_s)
+        if response is None:
             raise OgmError('online_mapper did not answer ~/save_map')
-        response = future.result()
         if not response.success:
             raise OutputError(f'online_mapper: {response.message}')
         return str(response.message)

@@ -15,6 +15,8 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
+from ogm_mcmc.ros.asking import ask
+
 __all__ = ['NodeProcess', 'Observer', 'spin_until']
 
 
@@ -120,11 +122,19 @@ class Observer:
     def call(self, srv_type: Any, name: str, request: Any, timeout_s: float = 30.0) -> Any:
         """Call a service and return its response."""
         client = self.node.create_client(srv_type, name)
-        self.until(client.service_is_ready, timeout_s)
-        future = client.call_async(request)
-        self.until(future.done, timeout_s)
+        response = ask(client, request, self.spin_while, timeout_s)
         self.node.destroy_client(client)
-        return future.result()
+        if response is None:
+            raise TimeoutError(f'{name} did not answer within {timeout_s} s')
+        return response
+
+    def spin_while(self, condition: Callable[[], bool], timeout_s: float) -> bool:
+        """Handle messages while a condition holds; return False when the time ran out first."""
+        try:
+            spin_until(self.executor, lambda: not condition(), timeout_s)
+        except TimeoutError:
+            return False
+        return True
 
 
 def spin_until(
