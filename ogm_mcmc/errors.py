@@ -14,6 +14,7 @@ __all__ = [
     'OutputError',
     'PoseError',
     'ScanError',
+    'WindowError',
     'require',
 ]
 
@@ -48,6 +49,10 @@ class LogError(OgmError, ValueError):
 
 class MapFileError(OgmError, ValueError):
     """A map file that cannot be read."""
+
+
+class WindowError(OgmError, ValueError):
+    """A window of scans that cannot be sampled: nothing in it, or more than memory allows."""
 
 
 class OutputError(OgmError, OSError):

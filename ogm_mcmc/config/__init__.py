@@ -1,4 +1,4 @@
-"""Settings: what may be set (`mapping`), and how a setting is declared and read (`settings`)."""
+"""Settings: what may be set (`mapping`, `sampling`), how it is declared and read (`settings`)."""
 
 from ogm_mcmc.config.mapping import (
     MapperConfig,
@@ -6,6 +6,14 @@ from ogm_mcmc.config.mapping import (
     OutputConfig,
     PlacingConfig,
     StepModelConfig,
+)
+from ogm_mcmc.config.sampling import (
+    ChainConfig,
+    ForwardModelConfig,
+    RecordingConfig,
+    SamplerConfig,
+    StopConfig,
+    WindowConfig,
 )
 from ogm_mcmc.config.settings import (
     Setting,
@@ -20,12 +28,18 @@ from ogm_mcmc.config.settings import (
 )
 
 __all__ = [
+    'ChainConfig',
+    'ForwardModelConfig',
     'MapperConfig',
     'MountConfig',
     'OutputConfig',
     'PlacingConfig',
+    'RecordingConfig',
+    'SamplerConfig',
     'Setting',
     'StepModelConfig',
+    'StopConfig',
+    'WindowConfig',
     'add_arguments',
     'build',
     'check_bounds',
