@@ -35,8 +35,11 @@ class PosteriorModel(Protocol):
         """Return the state of a map (K,)."""
         ...
 
-    def advance(self, rng: Generator, state: GibbsState) -> int:
-        """Do one sweep in place; return the number of flips."""
+    def advance(self, rng: Generator, state: GibbsState, *, settling: bool = False) -> int:
+        """Do one sweep in place; return the number of flips.
+
+        `settling` says that it does not count: whatever leaves a bad start soonest will do.
+        """
         ...
 
     def log_likelihood(self, state: GibbsState) -> float:
@@ -80,8 +83,9 @@ class PosteriorSampler:
         flips = 0
         state, counts = self.states[chain], self.counts[chain]
         for i in range(n_sweeps):
-            flips += self.model.advance(self.rngs[chain], state)
-            if self.sweeps + i >= self.burn_in:
+            settling = self.sweeps + i < self.burn_in
+            flips += self.model.advance(self.rngs[chain], state, settling=settling)
+            if not settling:
                 add_occupied(state.cells, self.model.touched, counts.row)
                 counts.sweep_added()
         return flips
