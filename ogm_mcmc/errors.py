@@ -13,6 +13,7 @@ __all__ = [
     'OgmError',
     'OutputError',
     'PoseError',
+    'PriorError',
     'ScanError',
     'require',
 ]
@@ -48,6 +49,10 @@ class LogError(OgmError, ValueError):
 
 class MapFileError(OgmError, ValueError):
     """A map file that cannot be read."""
+
+
+class PriorError(OgmError, ValueError):
+    """A patch prior that cannot be learned, read or used."""
 
 
 class OutputError(OgmError, OSError):

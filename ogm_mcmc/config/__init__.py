@@ -1,4 +1,4 @@
-"""Settings: what may be set (`mapping`), and how a setting is declared and read (`settings`)."""
+"""Settings: what may be set (`mapping`, `priors`), and how it is declared (`settings`)."""
 
 from ogm_mcmc.config.mapping import (
     MapperConfig,
@@ -7,6 +7,7 @@ from ogm_mcmc.config.mapping import (
     PlacingConfig,
     StepModelConfig,
 )
+from ogm_mcmc.config.priors import LearningConfig, PatchTableConfig
 from ogm_mcmc.config.settings import (
     Setting,
     add_arguments,
@@ -20,9 +21,11 @@ from ogm_mcmc.config.settings import (
 )
 
 __all__ = [
+    'LearningConfig',
     'MapperConfig',
     'MountConfig',
     'OutputConfig',
+    'PatchTableConfig',
     'PlacingConfig',
     'Setting',
     'StepModelConfig',

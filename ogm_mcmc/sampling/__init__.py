@@ -1,0 +1,1 @@
+"""Sampling maps from the full posterior ([gibbs], [patch])."""
