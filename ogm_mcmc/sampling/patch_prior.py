@@ -7,13 +7,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ogm_mcmc.arrays import Float64Array, Int32Array, Int64Array
+from ogm_mcmc.arrays import AnyArray, Float64Array, Int32Array, Int64Array
 from ogm_mcmc.config import PatchTableConfig
 from ogm_mcmc.errors import PriorError, require
 from ogm_mcmc.sampling.patch_learning import PatchCounts
 from ogm_mcmc.sampling.patch_patterns import ring_cells, split
 
-__all__ = ['PATCH_SIZES', 'PRIORS', 'PatchTable', 'log_conditional', 'make_table']
+__all__ = [
+    'PATCH_SIZES',
+    'PRIORS',
+    'PatchTable',
+    'log_probabilities',
+    'make_table',
+    'nats_per_window',
+]
 
 PRIORS = ('uniform', 'patch', 'border')
 PATCH_SIZES = (1, 9, 25)
@@ -77,13 +84,37 @@ def make_table(
     return _bordered(patch_size, counts, config)
 
 
-def log_conditional(table: PatchTable, border: int = 0) -> Float64Array:
-    """Log-probability of every pattern beside a border (2**L,), nats; not for L = 25."""
-    entry = table.entry_of_border[border & (table.entry_of_border.size - 1)]
-    listed = slice(table.start[entry], table.start[entry + 1])
-    every = np.full(2 ** (table.side**2), table.floor[entry])
-    every[table.candidates[listed]] = table.log_probability[listed]
-    return every
+def log_probabilities(table: PatchTable, borders: AnyArray, patches: AnyArray) -> Float64Array:
+    """Log-probability, nats, of each patch beside each border (broadcast together)."""
+    entry = table.entry_of_border[np.asarray(borders) & (table.entry_of_border.size - 1)]
+    owner = np.repeat(np.arange(table.floor.size), np.diff(table.start))
+    shift = table.side**2
+    keys = owner.astype(np.int64) << shift | table.candidates
+    order = np.argsort(keys)
+    wanted = entry.astype(np.int64) << shift | np.asarray(patches)
+    place = order[np.searchsorted(keys, wanted, sorter=order).clip(max=keys.size - 1)]
+    listed: Float64Array = np.where(
+        keys[place] == wanted, table.log_probability[place], table.floor[entry]
+    )
+    return listed
+
+
+def nats_per_window(table: PatchTable, counts: PatchCounts) -> float:
+    """How well a table predicts counted windows: mean of -log p(patch | border), nats.
+
+    Of maps that the table was not learned from; lower is better.
+    """
+    if table.side == 5:
+        patches, seen = counts.squares.by_pattern(5)
+        borders = np.zeros_like(patches)
+    elif table.side == 3:
+        patterns, seen = counts.squares.by_pattern(5)
+        borders, patches = split(patterns, 3)
+    else:
+        patterns = np.arange(512, dtype=np.int32)
+        seen = counts.patches
+        borders, patches = split(patterns, 1)
+    return float(-(seen @ log_probabilities(table, borders, patches)) / seen.sum())
 
 
 def _uniform(patch_size: int, p_occupied: float) -> PatchTable:
