@@ -108,13 +108,30 @@ def _indices(size: int, step: Fraction) -> Int64Array:
     return np.unique(held_by, return_index=True)[1]
 
 
-def _window_sums(mask: BoolArray, side: int) -> Int64Array:
-    """How many cells are set in each window (height - side + 1, width - side + 1)."""
+def _sums(mask: BoolArray) -> Int64Array:
+    """How many cells are set below and left of each corner of a cell (height + 1, width + 1)."""
     sums = np.zeros((mask.shape[0] + 1, mask.shape[1] + 1), np.int64)
     np.cumsum(np.cumsum(mask, axis=0, dtype=np.int64), axis=1, out=sums[1:, 1:])
-    both = sums[side:, side:] + sums[:-side, :-side]
-    windows: Int64Array = both - sums[side:, :-side] - sums[:-side, side:]
-    return windows
+    return sums
+
+
+def _none_inside(mask: BoolArray, side: int) -> BoolArray:
+    """Whether no cell is set in each window (height - side + 1, width - side + 1)."""
+    sums = _sums(mask)
+    inside = sums[side:, side:] - sums[side:, :-side] - sums[:-side, side:] + sums[:-side, :-side]
+    none: BoolArray = inside == 0
+    return none
+
+
+def _near(mask: BoolArray, reach: int) -> BoolArray:
+    """Whether a cell within `reach` rows and columns is set, for each cell."""
+    sums = _sums(mask)
+    rows, columns = (np.arange(size) for size in mask.shape)
+    bottom, top = (rows - reach).clip(0), (rows + reach + 1).clip(max=rows.size)
+    left, right = (columns - reach).clip(0), (columns + reach + 1).clip(max=columns.size)
+    across = sums[:, right] - sums[:, left]
+    near: BoolArray = across[top] - across[bottom] > 0
+    return near
 
 
 def count_windows(
@@ -138,10 +155,9 @@ def count_windows(
         codes |= rows[row : row + height] << (side * row)
     counted = np.ones((height, width), np.bool_)
     if unknown == 'skip':
-        counted = _window_sums(states == UNKNOWN, side) == 0
+        counted = _none_inside(states == UNKNOWN, side)
     elif margin_cells is not None:
-        known = np.pad(states != UNKNOWN, margin_cells)
-        near = _window_sums(known, 2 * margin_cells + 1) > 0
+        near = _near(states != UNKNOWN, margin_cells)
         middle = side // 2
         counted = near[middle : middle + height, middle : middle + width]
     patterns, windows = np.unique(codes[counted], return_counts=True)
