@@ -56,7 +56,7 @@ class PatchTableConfig:
         50, 'a border seen less often has no entry of its own', low=1, high=1_000_000_000
     )
     min_probability: float = setting(
-        0.003,
+        0.01,
         'less likely patches of a border are not listed and share a floor',
         low=0.0,
         high=0.5,

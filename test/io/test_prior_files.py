@@ -156,7 +156,7 @@ def test_the_shipped_prior(repository):
         assert source.source in described
         assert source.licence in described
     table = make_table('border', 9, prior.counts)
-    assert np.diff(table.start).max() < 100
+    assert np.diff(table.start).max() < 50
     assert np.diff(table.start)[table.entry_of_border[[0, 0xFFFF]]].tolist() == [1, 1]
 
 
