@@ -43,7 +43,7 @@ class LearningConfig:
 
 @dataclass(frozen=True)
 class PatchTableConfig:
-    """How counted patches become the table a sampler uses, see `ogm_mcmc.sampling.patch_prior`."""
+    """How counts become the table a sampler uses, see `ogm_mcmc.sampling.border_backoff`."""
 
     backoff_weight: float = setting(
         5.0,

@@ -3,7 +3,7 @@
     p(m) ~ exp(sum over all 3 x 3 windows of m of potential[pattern of the window])
 
 Border-conditioned tables are conditionals estimated one by one, which need not belong to any
-joint distribution (see `ogm_mcmc.sampling.patch_prior`). Here every conditional comes from the
+joint distribution (see `ogm_mcmc.sampling.border_backoff`). Here every conditional comes from the
 one joint above, so that a Gibbs sampler is exact for it. The conditional of a cell is a sum over
 the windows that hold it, nine of them away from the edge of the map:
 
