@@ -7,6 +7,8 @@ what                      where                                source
 ========================  ===================================  =============================
 live map, known pose      `ogm_mcmc.mapping.two_assumption`    [gibbs] section II, [slides]
 exact ray traversal       `ogm_mcmc.geometry`                  none, see its design note
+learned patch priors      `ogm_mcmc.sampling.patch_prior`      [patch] section III
+joint patch prior         `ogm_mcmc.sampling.patch_field`      none, see its docstring
 CARMEN logs, bags, maps   `ogm_mcmc.io`                        file formats
 small simulated building  `ogm_mcmc.simulation`                none
 ROS 2 nodes               `ogm_mcmc.ros`                       needs rclpy

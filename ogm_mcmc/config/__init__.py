@@ -1,4 +1,4 @@
-"""Settings: what may be set (`mapping`, `sampling`), how it is declared and read (`settings`)."""
+"""Settings: what may be set (`mapping`, `sampling`, `priors`), and how (`settings`)."""
 
 from ogm_mcmc.config.mapping import (
     MapperConfig,
@@ -7,6 +7,7 @@ from ogm_mcmc.config.mapping import (
     PlacingConfig,
     StepModelConfig,
 )
+from ogm_mcmc.config.priors import LearningConfig, PatchTableConfig
 from ogm_mcmc.config.sampling import (
     ChainConfig,
     ForwardModelConfig,
@@ -30,9 +31,11 @@ from ogm_mcmc.config.settings import (
 __all__ = [
     'ChainConfig',
     'ForwardModelConfig',
+    'LearningConfig',
     'MapperConfig',
     'MountConfig',
     'OutputConfig',
+    'PatchTableConfig',
     'PlacingConfig',
     'RecordingConfig',
     'SamplerConfig',

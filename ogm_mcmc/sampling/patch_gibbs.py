@@ -70,7 +70,7 @@ class PatchModel:
         cells = np.arange(index.n_cells, dtype=np.int32).reshape(self.height, width)
         self.touched: AnyArray = np.ascontiguousarray(cells[1:-1, 1:-1]).reshape(-1)
         # Lower left cells of all patches whose border lies inside.
-        self._corners = np.ascontiguousarray(cells[1 : -side, 1 : -side])
+        self._corners = np.ascontiguousarray(cells[1:-side, 1:-side])
         places = np.indices((side, side)).reshape(2, -1)
         self._inner = (places[0] * width + places[1]).astype(np.int64)
         ring = ring_cells(side).astype(np.int64)
