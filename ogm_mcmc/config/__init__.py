@@ -11,6 +11,7 @@ from ogm_mcmc.config.priors import LearningConfig, PatchTableConfig
 from ogm_mcmc.config.sampling import (
     ChainConfig,
     ForwardModelConfig,
+    PatchConfig,
     RecordingConfig,
     SamplerConfig,
     StopConfig,
@@ -35,6 +36,7 @@ __all__ = [
     'MapperConfig',
     'MountConfig',
     'OutputConfig',
+    'PatchConfig',
     'PatchTableConfig',
     'PlacingConfig',
     'RecordingConfig',

@@ -103,7 +103,7 @@ class PatchModel:
                 self.width,
                 self._inner,
                 self._ring,
-                1.0 if settling and not self.random_share else self.escape,
+                self._escape(settling),
                 self.random_share,
                 table.entry_of_border,
                 table.start,
@@ -125,6 +125,11 @@ class PatchModel:
                 index.nothing,
             )
         )
+
+    def _escape(self, settling: bool) -> float:
+        if self.random_share > 0.0:
+            return 0.0
+        return 1.0 if settling else self.escape
 
     def _order(self, rng: Generator) -> AnyArray:
         side = self.table.side

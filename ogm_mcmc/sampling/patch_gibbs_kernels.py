@@ -124,7 +124,8 @@ def sweep_patches(
 
     corners  (P,) int32; inner, ring  offsets of the cells of the patch and of its border
     escape        share of draws that also consider one pattern that is not listed
-    random_share  share of draws that take any pattern without looking ([patch] p_randPatch)
+    random_share  share of draws that take any pattern without looking ([patch] p_randPatch); above
+                  0, patterns that are not listed count as impossible, as published
     """
     patterns = np.int64(1) << (side * side)
     mask = entry_of_border.size - 1
@@ -142,15 +143,16 @@ def sweep_patches(
         n_options = last - first
         beyond = escape > 0.0 and rng.random() < escape
         reckless = random_share > 0.0 and rng.random() < random_share
-        if n_options == 1 and not (beyond or reckless):
-            continue  # one candidate: no ray can change that
         current = read_pattern(cells, corner, inner)
+        settled = random_share == 0.0 or current == candidates[first]
+        if n_options == 1 and settled and not (beyond or reckless):
+            continue  # one candidate: no ray can change that
         chosen = current
         if reckless:
             chosen = np.int64(rng.random() * patterns)
         else:
             listed = place_in(candidates, first, last, current) >= 0
-            if not (listed or beyond):
+            if not (listed or beyond or random_share > 0.0):
                 continue
             for i in range(n_options):
                 options[i] = candidates[first + i]
