@@ -1,10 +1,15 @@
 """Settings: what may be set (`mapping`), and how a setting is declared and read (`settings`)."""
 
 from ogm_mcmc.config.mapping import (
+    LIVE_MAPPING,
+    CountingConfig,
+    GaussianModelConfig,
     MapperConfig,
     MountConfig,
     OutputConfig,
     PlacingConfig,
+    PoseUncertainConfig,
+    SonarModelConfig,
     StepModelConfig,
 )
 from ogm_mcmc.config.settings import (
@@ -20,11 +25,16 @@ from ogm_mcmc.config.settings import (
 )
 
 __all__ = [
+    'LIVE_MAPPING',
+    'CountingConfig',
+    'GaussianModelConfig',
     'MapperConfig',
     'MountConfig',
     'OutputConfig',
     'PlacingConfig',
+    'PoseUncertainConfig',
     'Setting',
+    'SonarModelConfig',
     'StepModelConfig',
     'add_arguments',
     'build',

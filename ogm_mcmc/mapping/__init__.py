@@ -26,8 +26,21 @@ and Python and two kernel calls 2.3: one call for all, and a plan that knows tha
 at the same point, are what to try next. `error_model='numpy'` changes nothing.
 """
 
+from ogm_mcmc.mapping.counting import CountingMapper
 from ogm_mcmc.mapping.log_odds_grid import LogOddsGrid
-from ogm_mcmc.mapping.method import METHODS, MappingMethod, make_method
+from ogm_mcmc.mapping.method import METHODS, MappingMethod, Reconfigurable, make_method
+from ogm_mcmc.mapping.pose_uncertain import PoseUncertainMapper
+from ogm_mcmc.mapping.sonar import SonarMapper
 from ogm_mcmc.mapping.two_assumption import TwoAssumptionMapper
 
-__all__ = ['METHODS', 'LogOddsGrid', 'MappingMethod', 'TwoAssumptionMapper', 'make_method']
+__all__ = [
+    'METHODS',
+    'CountingMapper',
+    'LogOddsGrid',
+    'MappingMethod',
+    'PoseUncertainMapper',
+    'Reconfigurable',
+    'SonarMapper',
+    'TwoAssumptionMapper',
+    'make_method',
+]
