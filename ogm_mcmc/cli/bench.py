@@ -55,11 +55,13 @@ def run_online(options: argparse.Namespace) -> int:
     }
     if options.bag is not None:
         placing = config_from(options, PlacingConfig)
-        mount = sensor_mount(placing.mount)
         with BagReader(options.bag) as bag:
-            choice = stream_choice(options, placing)
+            choice = stream_choice(options, placing, config)
             placed = PlacedScans(bag, choose_topics(bag, choice), choice)
-            placements = [mounted(scan, robot, mount) for scan, robot in placed]
+            placements = [
+                mounted(scan, robot, sensor_mount(placing.mount, scan.frame_id))
+                for scan, robot in placed
+            ]
         if not placements:
             raise BagError(f'{options.bag}: no scan in it could be placed')
         result['bag'] = {

@@ -241,6 +241,28 @@ class MountConfig:
     y: float = setting(0.0, 'sensor to the left of the base, m', low=-100.0, high=100.0)
     yaw: float = setting(0.0, 'heading of the sensor on the base, rad', low=-6.2832, high=6.2832)
     upside_down: bool = setting(False, 'the sensor hangs head down: bearings run clockwise')
+    frames: str = setting(
+        '',
+        'sensors mounted elsewhere, by frame_id: FRAME X Y YAW; FRAME X Y YAW; ... (m, rad)',
+    )
+
+    def __post_init__(self) -> None:
+        """Refuse frames that cannot be read."""
+        self.named()
+
+    def named(self) -> dict[str, tuple[float, float, float]]:
+        """Return x, y, yaw of the sensors that `frames` names."""
+        mounts = {}
+        for entry in filter(None, map(str.strip, self.frames.split(';'))):
+            frame, *numbers = entry.split()
+            try:
+                x, y, yaw = map(float, numbers)
+            except ValueError:
+                x = y = yaw = math.nan
+            readable = len(numbers) == 3 and all(map(math.isfinite, (x, y, yaw)))
+            require(readable, 'mount.frames', entry, 'expected FRAME X Y YAW')
+            mounts[frame] = (x, y, yaw)
+        return mounts
 
 
 @dataclass(frozen=True)

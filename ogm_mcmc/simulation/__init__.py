@@ -5,6 +5,7 @@ Walls are line segments, so that a range is exact whatever the grid; nothing her
 
 from ogm_mcmc.simulation.lidar import Lidar, true_ranges
 from ogm_mcmc.simulation.recording import SimulatedScan, record
+from ogm_mcmc.simulation.sonar import SonarReading, SonarRing
 from ogm_mcmc.simulation.trajectories import walk
 from ogm_mcmc.simulation.worlds import WORLDS, Building
 
@@ -13,6 +14,8 @@ __all__ = [
     'Building',
     'Lidar',
     'SimulatedScan',
+    'SonarReading',
+    'SonarRing',
     'record',
     'true_ranges',
     'walk',
