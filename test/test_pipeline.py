@@ -8,7 +8,8 @@ from ogm_mcmc.config import MapperConfig, OutputConfig, StepModelConfig, setting
 from ogm_mcmc.errors import ConfigError, GridError
 from ogm_mcmc.geometry import CellBox, GridMap, GridSpec, Pose2D, PoseBelief, Scan, SensorMount
 from ogm_mcmc.mapping import METHODS
-from ogm_mcmc.mapping.evidence_kernels import sum_per_beam, sum_per_scan
+from ogm_mcmc.mapping.beam_evidence_kernels import sum_steps_per_beam
+from ogm_mcmc.mapping.evidence_kernels import sum_per_scan
 from ogm_mcmc.mapping.sonar_kernels import add_cone
 from ogm_mcmc.mapping.two_assumption_kernels import fuse_per_beam, fuse_per_scan
 from ogm_mcmc.pipeline import MAX_STALE_BOXES, MappingPipeline, MapView, warm_up
@@ -300,7 +301,7 @@ def test_warm_up_runs_for_every_configuration():
         ('two_assumption', 'per_scan', fuse_per_scan),
         ('two_assumption', 'per_beam', fuse_per_beam),
         ('pose_uncertain', 'per_scan', sum_per_scan),
-        ('pose_uncertain', 'per_beam', sum_per_beam),
+        ('pose_uncertain', 'per_beam', sum_steps_per_beam),
         ('sonar', 'per_scan', add_cone),
     ],
 )

@@ -10,7 +10,8 @@ from ogm_mcmc.arrays import Float32Array, Float64Array, UInt64Array
 from ogm_mcmc.config import MapperConfig
 from ogm_mcmc.geometry import CellBox, PoseSamples, SampledRays, Scan, cast_sampled_rays
 from ogm_mcmc.geometry.rays import usable_range
-from ogm_mcmc.mapping.evidence_kernels import add_evidence, sum_per_beam, sum_per_scan
+from ogm_mcmc.mapping.beam_evidence_kernels import sum_gaussians_per_beam, sum_steps_per_beam
+from ogm_mcmc.mapping.evidence_kernels import add_evidence, sum_per_scan
 from ogm_mcmc.mapping.log_odds_grid import LogOddsGrid
 from ogm_mcmc.sensors import BeamModel
 
@@ -18,7 +19,7 @@ __all__ = ['EvidenceWindow']
 
 
 class EvidenceWindow:
-    """Scratch memory of one scan: at most 9 bytes for each cell of the largest box so far."""
+    """Scratch memory of one scan: about 10 bytes for each cell of the largest box so far."""
 
     def __init__(self) -> None:
         self.clear()
@@ -30,8 +31,10 @@ class EvidenceWindow:
         self.seen: UInt64Array = np.zeros(0, np.uint64)
         self.free: UInt64Array = np.zeros(0, np.uint64)
         self.special: UInt64Array = np.zeros(0, np.uint64)
+        self.misses: UInt64Array = np.zeros(0, np.uint64)
+        self.hits: UInt64Array = np.zeros(0, np.uint64)
 
-    def _cover(self, words: int, gaussian: bool) -> None:
+    def _cover(self, words: int, digits: int = 0, gaussian: bool = False) -> None:
         if self.seen.size < words:
             self.evidence = np.zeros(64 * words, np.float32)
             self.seen = np.zeros(words, np.uint64)
@@ -39,6 +42,10 @@ class EvidenceWindow:
             self.special = np.zeros(words, np.uint64)
         if gaussian and self.best.size < 64 * words:
             self.best = np.zeros(64 * words, np.float32)
+        if self.misses.size < digits * words:
+            self.misses = np.zeros(digits * words, np.uint64)
+        if not gaussian and self.hits.size < digits * words:
+            self.hits = np.zeros(digits * words, np.uint64)
 
     def add(
         self,
@@ -54,6 +61,8 @@ class EvidenceWindow:
 
         Raises GridError, with nothing changed, when the map would become too large.
         """
+        samples = _by_weight(samples)
+        weights = samples.weights.astype(np.float32)
         rays = cast_sampled_rays(
             scan,
             samples.poses,
@@ -69,21 +78,35 @@ class EvidenceWindow:
         grid.cover(box)
         left, bottom = box.column0 // 64 * 64, box.row0
         words, n_rows = -((left - box.column1) // 64), box.row1 - bottom
-        self._cover(words * n_rows, model.gaussian)
         boxes = rays.boxes - np.array([left, bottom, left, bottom])
         boxes += np.array([-margin, -margin, margin, margin])
-        weights = samples.weights.astype(np.float32)
         cells = rays.cells - np.array([left, bottom])
-        placed = (cells, rays.places, rays.ends, rays.hit, rays.n_rays, reach)
+        placed = (cells, rays.places, rays.ends, rays.hit, rays.n_rays, weights)
         if config.fusion == 'per_scan':
+            digits = int(np.unique(weights, return_counts=True)[1].max()).bit_length()
+            self._cover(words * n_rows, digits, model.gaussian)
             scratch = (self.evidence, self.best, self.seen, self.free, self.special)
-            sum_per_scan(*scratch, words, *placed, boxes, weights, model)
+            counters = (self.misses, self.hits, digits)
+            sum_per_scan(*scratch, *counters, words, *placed, reach, boxes, model)
+        elif model.gaussian:
+            self._cover(words * n_rows)
+            sum_gaussians_per_beam(self.evidence, self.seen, words, *placed, reach, model)
         else:
-            sum_per_beam(self.evidence, self.seen, words, *placed, weights, model)
+            self._cover(words * n_rows)
+            steps = (model.l_free, model.l_occ)
+            sum_steps_per_beam(self.evidence, self.seen, words, *placed, *steps)
         first_word, first_row = (left - grid.spec.column0) // 64, bottom - grid.spec.row0
         window = (self.evidence, self.seen, words, n_rows, first_word, first_row)
         add_evidence(grid.log_odds, *window, prior, limit)
         return box
+
+
+def _by_weight(samples: PoseSamples) -> PoseSamples:
+    """Bring samples of equal weight together: those are counted, which is quicker."""
+    if samples.weights.min() == samples.weights.max():
+        return samples
+    order = np.argsort(samples.weights, kind='stable')
+    return PoseSamples(samples.poses[order], samples.weights[order])
 
 
 def _margin(rays: SampledRays, reach: float, model: BeamModel) -> int:

@@ -7,6 +7,9 @@ evidence  (R * W * 64,) float32, nats: sum of weight * log-odds over the samples
 best      the same size (gaussian model only): highest log-odds of this sample in special cells
 seen      (R * W,) uint64 bit set: cells that any sample touched; empty before
 free      (R * W,) bit set of this sample: cells its beams went through; empty before and after
+misses    (R * W * D,) uint64: how many of the samples of one weight missed a cell, D binary digits
+          for each word of 64 cells, lowest first; 0 before and after
+hits      the same for cells that were hit (step model only)
 special   (R * W,) bit set of this sample: cells with a value of their own; empty before and after
 
 Cells are relative to the window. Rays must lie inside; nothing is checked. With one sample of
@@ -81,51 +84,75 @@ def add_products(evidence, best, start, marked, weight):
             lane[np.uint64(i)] = new if (mask >> np.uint32(i)) & ONE32 else old
 
 
-@njit(cache=True, nogil=True)
-def add_sample(evidence, best, seen, free, special, first, last, weight, model):
-    """Add weight * log-odds of every marked cell of words first to last - 1; clear the marks.
+@njit(cache=True, nogil=True, inline='always')
+def count_up(counters, start, marked):
+    """Add 1 to the counters of the marked cells of a word: a ripple carry for 64 cells at once.
 
-    A cell that is both free and special counts as special: a hit beats a miss.
+    counters[start + p] holds bit p of each count.
     """
-    missed = weight * model.l_free
-    met = weight * model.l_occ
+    place = np.uint64(start)
+    while marked != 0:
+        carry = counters[place] & marked
+        counters[place] ^= marked
+        marked = carry
+        place += ONE
+
+
+@njit(cache=True, nogil=True)
+def count_sample(evidence, best, seen, free, special, misses, hits, digits, first, last, weight,
+                 model):  # fmt: skip
+    """Count the marked cells of words first to last - 1 as missed or hit; clear the marks.
+
+    A cell that is both free and special counts as special: a hit beats a miss. The Gaussian
+    model's special cells have a value each, which goes to the evidence at once.
+    """
     for word in range(first, last):
         crossed, own = free[np.uint64(word)], special[np.uint64(word)]
         if crossed == 0 and own == 0:
             continue
         free[np.uint64(word)] = 0
+        special[np.uint64(word)] = 0
         seen[np.uint64(word)] |= crossed | own
-        crossed &= ~own
-        # Two halves of 32, so that one mask bit and one float32 fill equal SIMD lanes.
-        for half in range(2):
-            mask = np.uint32(crossed >> np.uint64(32 * half))
-            if mask == 0:
-                continue
-            lane = evidence[64 * word + 32 * half : 64 * word + 32 * half + 32]
-            for i in range(32):
-                old = lane[np.uint64(i)]
-                lane[np.uint64(i)] = old + missed if (mask >> np.uint32(i)) & ONE32 else old
+        count_up(misses, word * digits, crossed & ~own)
         if own == 0:
             continue
-        special[np.uint64(word)] = 0
         if model.gaussian:
             add_products(evidence, best, 64 * word, own, weight)
-            continue
-        # Few bits are set here: one by one is quicker than all at once.
-        for i in range(64):
-            if (own >> np.uint64(i)) & ONE:
-                evidence[64 * word + i] += met
+        else:
+            count_up(hits, word * digits, own)
+
+
+@njit(cache=True, nogil=True)
+def add_counts(evidence, counters, digits, first, last, change):
+    """Add change * count to the evidence of words first to last - 1; set the counters to 0."""
+    for word in range(first, last):
+        for place in range(digits):
+            counted = counters[np.uint64(word * digits + place)]
+            if counted == 0:
+                continue
+            counters[np.uint64(word * digits + place)] = 0
+            more = change * np.float32(1 << place)
+            # Two halves of 32, so that one mask bit and one float32 fill equal SIMD lanes.
+            for half in range(2):
+                mask = np.uint32(counted >> np.uint64(32 * half))
+                if mask == 0:
+                    continue
+                lane = evidence[64 * word + 32 * half : 64 * word + 32 * half + 32]
+                for i in range(32):
+                    old = lane[np.uint64(i)]
+                    lane[np.uint64(i)] = old + more if (mask >> np.uint32(i)) & ONE32 else old
 
 
 @njit(cache=True, nogil=True)
 def sum_per_scan(
-    evidence, best, seen, free, special, words, cells, places, ends, hit, n_rays, reach, boxes,
-    weights, model,
+    evidence, best, seen, free, special, misses, hits, digits, words, cells, places, ends, hit,
+    n_rays, weights, reach, boxes, model,
 ):  # fmt: skip
     """Sum the evidence of a scan over its samples, each cell once per sample: a hit beats a miss.
 
     words  per row of the window; cells, places, ends, hit, n_rays  see `SampledRays`, but cells
-    and boxes relative to the window; reach  cells; weights  (M,) float32; model  `BeamModel`
+    and boxes relative to the window; reach  cells; weights  (M,) float32, equal ones together;
+    digits  D, enough for the most equal weights there are; model  `BeamModel`
     Of several beams with a say in a special cell the highest log-odds count.
     """
     words_per_row = np.uint64(words)
@@ -134,6 +161,7 @@ def sum_per_scan(
     if model.gaussian:
         longest = 2 * np.int64(math.ceil(reach)) + 8
     columns, rows = np.empty(longest, np.int64), np.empty(longest, np.int64)
+    lowest, highest = boxes[0, 1] * words, boxes[0, 3] * words
     for k in range(weights.size):
         column, row = cells[k, 0], cells[k, 1]
         x, y = places[k, 0], places[k, 1]
@@ -153,10 +181,10 @@ def sum_per_scan(
                 c, r = np.uint64(column + math.floor(end_x)), np.uint64(row + math.floor(end_y))
                 special[r * words_per_row + (c >> WORD)] |= ONE << (c & IN_WORD)
                 continue
-            flat, last, length = stretch(x, y, end_x, end_y, hit[ray], reach, model)
+            flat, beyond, length = stretch(x, y, end_x, end_y, hit[ray], reach, model)
             dx, dy = end_x - x, end_y - y
             count = list_cells(
-                column, row, x + flat * dx, y + flat * dy, x + last * dx, y + last * dy,
+                column, row, x + flat * dx, y + flat * dy, x + beyond * dx, y + beyond * dy,
                 columns, rows,
             )  # fmt: skip
             for i in range(count):
@@ -169,39 +197,17 @@ def sum_per_scan(
                 else:
                     special[word] |= bit
                     best[cell] = value
-        first, last_word = boxes[k, 1] * words, boxes[k, 3] * words
-        add_sample(evidence, best, seen, free, special, first, last_word, weights[k], model)
-
-
-@njit(cache=True, nogil=True)
-def sum_per_beam(evidence, seen, words, cells, places, ends, hit, n_rays, reach, weights, model):
-    """Sum the evidence of a scan over its samples, every beam counting in each cell it crosses."""
-    longest = 2 * np.int64(math.ceil(reach)) + 8
-    columns, rows = np.empty(longest, np.int64), np.empty(longest, np.int64)
-    for k in range(weights.size):
-        column, row = cells[k, 0], cells[k, 1]
-        x, y = places[k, 0], places[k, 1]
-        weight = weights[k]
-        for ray in range(n_rays):
-            end_x, end_y = ends[k, 0, ray], ends[k, 1, ray]
-            last, length = 1.0, 0.0
-            if model.gaussian:
-                _, last, length = stretch(x, y, end_x, end_y, hit[ray], reach, model)
-            count = list_cells(
-                column, row, x, y, x + last * (end_x - x), y + last * (end_y - y), columns, rows
-            )
-            end_c, end_r = column + math.floor(end_x), row + math.floor(end_y)
-            for i in range(count):
-                c, r = columns[i], rows[i]
-                value = model.l_free
-                if hit[ray]:
-                    if model.gaussian:
-                        value = cell_log_odds(c - column, r - row, x, y, length, model)
-                    elif c == end_c and r == end_r:
-                        value = model.l_occ
-                word = np.uint64(r * words + (c >> 6))
-                seen[word] |= ONE << np.uint64(c & 63)
-                evidence[r * words * 64 + c] += weight * value
+        first, last = boxes[k, 1] * words, boxes[k, 3] * words
+        lowest, highest = min(lowest, first), max(highest, last)
+        count_sample(
+            evidence, best, seen, free, special, misses, hits, digits, first, last, weights[k],
+            model,
+        )  # fmt: skip
+        if k + 1 == weights.size or weights[k + 1] != weights[k]:
+            add_counts(evidence, misses, digits, lowest, highest, weights[k] * model.l_free)
+            if not model.gaussian:
+                add_counts(evidence, hits, digits, lowest, highest, weights[k] * model.l_occ)
+            lowest, highest = first, last
 
 
 @njit(cache=True, nogil=True)
