@@ -86,7 +86,7 @@ def run_online(options: argparse.Namespace) -> int:
 
 
 def doubted(placements: list[Placement], sigmas: tuple[float, float, float]) -> list[Placement]:
-    """Return the placements with a Gaussian belief around each pose; without sigmas as they are."""
+    """Give each pose a Gaussian belief around it; without sigmas nothing changes."""
     if not any(sigmas):
         return placements
     covariance = np.diag(np.square(sigmas))
