@@ -7,7 +7,8 @@ what                      where                                source
 ========================  ===================================  =============================
 live map, known pose      `ogm_mcmc.mapping.two_assumption`    [gibbs] section II, [slides]
 exact ray traversal       `ogm_mcmc.geometry`                  none, see its design note
-divergence, scores, ...   `ogm_mcmc.evaluation`                 [gibbs] and [patch] section IV
+divergence, scores, ...   `ogm_mcmc.evaluation`                [gibbs] and [patch] section IV
+pages, curves, pictures   `ogm_mcmc.plotting`                  extra `plots`
 CARMEN logs, bags, maps   `ogm_mcmc.io`                        file formats
 small simulated building  `ogm_mcmc.simulation`                none
 ROS 2 nodes               `ogm_mcmc.ros`                       needs rclpy
