@@ -10,7 +10,7 @@ exact ray traversal       `ogm_mcmc.geometry`                  none, see its des
 divergence, scores, ...   `ogm_mcmc.evaluation`                [gibbs] and [patch] section IV
 pages, curves, pictures   `ogm_mcmc.plotting`                  extra `plots`
 CARMEN logs, bags, maps   `ogm_mcmc.io`                        file formats
-small simulated building  `ogm_mcmc.simulation`                none
+simulated buildings       `ogm_mcmc.simulation`                [gibbs] section IV-B
 ROS 2 nodes               `ogm_mcmc.ros`                       needs rclpy
 ========================  ===================================  =============================
 
