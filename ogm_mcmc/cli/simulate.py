@@ -21,7 +21,6 @@ from ogm_mcmc.io.map_files import save_map, writable_folder
 from ogm_mcmc.io.recording_bag import write_recording
 from ogm_mcmc.io.world_files import WORLD_NAMES, load_world, write_poses
 from ogm_mcmc.simulation import (
-    HIT_POINTS,
     Building,
     Exploration,
     Lidar,
@@ -60,7 +59,7 @@ def add_to(subparsers: Subparsers) -> None:
     )
     grid.add_argument('--unknown', choices=('occupied', 'free'), default='occupied')
     grid.add_argument(
-        '--hit-point', choices=HIT_POINTS, default='middle', help='of the first occupied cell'
+        '--depth', type=float, default=0.5, help='of a reflection: 0 where the beam enters a cell'
     )
     grid.add_argument('--radius', type=float, default=0.25, help='of the robot, m')
     grid.add_argument('--min-scans', type=int, default=0, help='go on after all was covered')
@@ -137,5 +136,5 @@ def _recording(options: argparse.Namespace) -> tuple[GridMap, Iterator[Simulated
         min_stops=options.min_scans,
         max_stops=max(options.max_scans, options.min_scans),
     )
-    scans = record_exploration(world, lidar, exploration, rng, hit_point=options.hit_point)
+    scans = record_exploration(world, lidar, exploration, rng, depth=options.depth)
     return world.truth(), scans

@@ -69,16 +69,14 @@ def beam_log_likelihood(
     *,
     prior: float = 0.5,
     no_return: str = 'clear',
-    hit_point: str = 'entry',
+    depth: float = 0.5,
 ) -> Float64Array:
     """Log-likelihood (N,) of every informative beam of scans from known sensor poses, nats."""
     parts = [np.empty(0)]
     for scan, sensor in placed:
         beams = informative_beams(scan, no_return=no_return)
         bearings = scan.angle_min_rad + scan.angle_increment_rad * np.flatnonzero(beams)
-        hits = first_hits(
-            grid_map, sensor, bearings, scan.range_max_m, prior=prior, hit_point=hit_point
-        )
+        hits = first_hits(grid_map, sensor, bearings, scan.range_max_m, prior=prior, depth=depth)
         parts.append(_log_likelihood(hits, scan.ranges_m[beams].astype(np.float64), log_density))
     return np.concatenate(parts)
 
@@ -89,7 +87,7 @@ def log_likelihood_of_samples(
     log_density: LogDensity,
     *,
     no_return: str = 'clear',
-    hit_point: str = 'entry',
+    depth: float = 0.5,
 ) -> Float64Array:
     """Log-likelihood (N,) of every beam under the mixture of S map samples of 0 and 1, nats.
 
@@ -101,7 +99,7 @@ def log_likelihood_of_samples(
     total = np.empty(0)
     for index, sample in enumerate(samples):
         one = beam_log_likelihood(
-            sample, placed, log_density, prior=0.0, no_return=no_return, hit_point=hit_point
+            sample, placed, log_density, prior=0.0, no_return=no_return, depth=depth
         )
         total = one if index == 0 else np.logaddexp(total, one)
     return np.asarray(total - np.log(len(samples)), np.float64)

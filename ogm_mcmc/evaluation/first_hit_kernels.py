@@ -17,14 +17,14 @@ NOTHING_LEFT = 1e-15
 
 @njit(cache=True, nogil=True)
 def scan_first_hits(
-    probability, prior, x, y, directions, reach, middle, distances, masses, starts, survival
+    probability, prior, x, y, directions, reach, depth, distances, masses, starts, survival
 ):
     """First-hit distribution of every ray of a scan; returns the number of entries.
 
     probability  (height, width) float32, nan where unknown; `prior` is taken there and outside
     x, y         sensor, cells of the array; may lie outside
     directions   (2, N) unit vectors; reach: cells entered up to here can be hit
-    middle       whether a hit is at the middle of the way through its cell or at its border
+    depth        where inside a cell a beam is reflected, as a share of its way through
     distances, masses  (M,) float64, output, cells: of ray n from starts[n] to starts[n + 1];
                  M at least N * (1.5 * reach + 4)
     survival     (N,) float64, output: probability that nothing is hit
@@ -47,7 +47,7 @@ def scan_first_hits(
                 if known == known:
                     p = known
             if p > 0.0:
-                distances[count] = 0.5 * (entered + leaving) if middle else entered
+                distances[count] = entered + depth * (leaving - entered)
                 masses[count] = left * p
                 count += 1
                 left *= 1.0 - p

@@ -12,9 +12,7 @@ from ogm_mcmc.errors import ConfigError, require
 from ogm_mcmc.evaluation.first_hit_kernels import scan_first_hits
 from ogm_mcmc.geometry import GridMap, Pose2D
 
-__all__ = ['HIT_POINTS', 'FirstHits', 'first_hits']
-
-HIT_POINTS = ('entry', 'middle')
+__all__ = ['FirstHits', 'first_hits']
 
 
 class FirstHits(NamedTuple):
@@ -36,13 +34,14 @@ def first_hits(
     reach_m: float,
     *,
     prior: float = 0.5,
-    hit_point: str = 'entry',
+    depth: float = 0.5,
 ) -> FirstHits:
     """Return where beams end if the cells are independent with the probabilities of the map.
 
-    Unknown cells and those outside of the map are occupied with probability `prior`.
+    Unknown cells and those outside of the map are occupied with probability `prior`. `depth`
+    says where inside a cell a beam is reflected, as a share of its way through.
     """
-    require(hit_point in HIT_POINTS, 'hit_point', hit_point, f'one of {", ".join(HIT_POINTS)}')
+    require(0.0 <= depth <= 1.0, 'depth', depth, 'expected 0 to 1')
     require(0.0 <= prior <= 1.0, 'prior', prior, 'expected 0 to 1')
     require(0.0 < reach_m < math.inf, 'reach', reach_m, 'expected a positive distance, m')
     spec = grid_map.spec
@@ -63,7 +62,7 @@ def first_hits(
         (sensor.y_m - spec.origin_y_m) / spec.resolution_m,
         directions,
         float(reach),
-        hit_point == 'middle',
+        float(depth),
         distances,
         masses,
         starts,

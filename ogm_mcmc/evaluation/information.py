@@ -28,14 +28,14 @@ def expected_information_gain(
     *,
     z_step_m: float | None = None,
     prior: float = 0.5,
-    hit_point: str = 'entry',
+    depth: float = 0.5,
 ) -> Float64Array:
     """Expected information gain (B,) of each beam from a pose, nats.
 
     Without a forward model readings are exact. With one, they are told apart in steps of
     `z_step_m` (a quarter of a cell by default) up to `reach_m`; "no return" is one more reading.
     """
-    hits = first_hits(grid_map, sensor, bearings_rad, reach_m, prior=prior, hit_point=hit_point)
+    hits = first_hits(grid_map, sensor, bearings_rad, reach_m, prior=prior, depth=depth)
     step = 0.25 * grid_map.spec.resolution_m if z_step_m is None else z_step_m
     require(step > 0.0, 'z_step_m', step, 'must be positive')
     readings = np.concatenate((np.arange(0.5 * step, reach_m, step), [np.inf]))

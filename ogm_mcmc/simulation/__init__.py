@@ -9,7 +9,7 @@ when it stands ([gibbs] section IV-B). What a beam measures in a grid is decided
 
 from ogm_mcmc.simulation.exploration import Exploration, Stop, explore
 from ogm_mcmc.simulation.floor_plans import FLOOR_PLANS, generate_floor
-from ogm_mcmc.simulation.grid_world import HIT_POINTS, GridWorld
+from ogm_mcmc.simulation.grid_world import GridWorld
 from ogm_mcmc.simulation.lidar import Lidar, true_ranges
 from ogm_mcmc.simulation.recording import SimulatedScan, record, record_exploration
 from ogm_mcmc.simulation.trajectories import walk
@@ -17,7 +17,6 @@ from ogm_mcmc.simulation.worlds import WORLDS, Building, rasterised
 
 __all__ = [
     'FLOOR_PLANS',
-    'HIT_POINTS',
     'WORLDS',
     'Building',
     'Exploration',

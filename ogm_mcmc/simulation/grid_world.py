@@ -7,9 +7,9 @@ cell along the ray, and the step inverse model puts the wall into the cell in wh
 ends. A ray really meets a wall where it enters that cell. A reading of exactly this length ends
 on the border of two cells, and rounding decides which of them the wall is put into.
 
-Decision. `hit_point` says where the first occupied cell is hit: `middle`, halfway between
-entering and leaving it, so that a reading without noise ends inside the cell ([gibbs], and the
-default); or `entry`, the distance to the wall itself, as a real lidar and Stage have it.
+Decision. `depth` says where the first occupied cell reflects a beam, as a share of the beam's way
+through it: 0.5, half way, so that a reading without noise ends inside the cell ([gibbs], and the
+default), or 0, where it enters, the distance to the wall itself as Stage and a real lidar have it.
 """
 
 from __future__ import annotations
@@ -24,9 +24,7 @@ from ogm_mcmc.errors import ConfigError, GridError, require
 from ogm_mcmc.geometry import GridMap, GridSpec, Pose2D
 from ogm_mcmc.simulation.raster_kernels import first_occupied
 
-__all__ = ['HIT_POINTS', 'GridWorld']
-
-HIT_POINTS = ('middle', 'entry')
+__all__ = ['GridWorld']
 
 
 class GridWorld(NamedTuple):
@@ -72,13 +70,13 @@ class GridWorld(NamedTuple):
         pose: Pose2D,
         bearings_rad: Float64Array,
         reach_m: float,
-        hit_point: str = 'middle',
+        depth: float = 0.5,
     ) -> Float64Array:
         """Exact ranges (B,), m; inf where no occupied cell begins within `reach_m`.
 
         Outside of the grid there is nothing. Raises ConfigError for a pose outside.
         """
-        require(hit_point in HIT_POINTS, 'hit_point', hit_point, f'one of {", ".join(HIT_POINTS)}')
+        require(0.0 <= depth <= 1.0, 'depth', depth, 'expected 0 to 1')
         x, y = self.cell_position(pose)
         heading = pose.yaw_rad + bearings_rad
         entered, left = np.empty(heading.size), np.empty(heading.size)
@@ -91,8 +89,9 @@ class GridWorld(NamedTuple):
             entered,
             left,
         )
-        cells = entered if hit_point == 'entry' else 0.5 * (entered + left)
-        return np.asarray(cells * self.spec.resolution_m, np.float64)
+        hit = np.isfinite(entered)
+        entered[hit] += depth * (left[hit] - entered[hit])
+        return np.asarray(entered * self.spec.resolution_m, np.float64)
 
     def cell_position(self, pose: Pose2D) -> tuple[float, float]:
         """Return (x, y) in cells from the lower left corner. Raises ConfigError if outside."""

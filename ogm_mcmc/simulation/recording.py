@@ -47,7 +47,7 @@ def record_exploration(
     settings: Exploration,
     rng: np.random.Generator,
     *,
-    hit_point: str = 'middle',
+    depth: float = 0.5,
     frame_id: str = 'laser',
 ) -> Iterator[SimulatedScan]:
     """Yield a scan from every stop of a robot that explores a grid; stamps are when it stands."""
@@ -57,6 +57,6 @@ def record_exploration(
     time_s = 0.0
     for stop in explore(world, settings, rng):
         time_s += STANDING_S + (len(stop.way) - 1) * world.spec.resolution_m / SPEED_M_S
-        exact = world.ranges(stop.pose, bearings, lidar.range_max_m, hit_point)
+        exact = world.ranges(stop.pose, bearings, lidar.range_max_m, depth)
         stamp_ns = START_NS + round(time_s * 1e9)
         yield SimulatedScan(lidar.scan(lidar.observe(exact, noise), stamp_ns, frame_id), stop.pose)

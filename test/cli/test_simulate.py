@@ -108,7 +108,7 @@ def test_a_picture_as_a_world(tmp_path, capsys):
         (['building-1', '--clutter', '2'], 'clutter is 2'),
         (['building-1', '--range-max', '0.01'], 'range_max is 0.01'),
         (['building-1', '--radius', '90'], 'radius is 900'),
-        (['building-1', '--hit-point', 'end'], 'hit-point'),
+        (['building-1', '--depth', '2'], 'depth is 2'),
         (['building-1', '--noise', '1', '--noise-cells', '1'], 'not allowed with'),
         (['building-1', '--max-scans', '0'], 'max_stops is 0'),
     ],

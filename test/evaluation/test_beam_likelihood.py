@@ -40,12 +40,14 @@ def corridor(*probability, resolution=1.0):
 
 
 def test_first_hits_on_paper():
-    hits = first_hits(corridor(0.0, 0.5, 0.25, np.nan), Pose2D(0.5, 0.5), [0.0], 3.4, prior=0.8)
+    hits = first_hits(
+        corridor(0.0, 0.5, 0.25, np.nan), Pose2D(0.5, 0.5), [0.0], 3.4, prior=0.8, depth=0.0
+    )
     # The last cell is unknown; the one after it, entered at 3.5 m, is out of reach.
     assert hits.distances_m == pytest.approx([0.5, 1.5, 2.5])
     assert hits.masses == pytest.approx([0.5, 0.125, 0.375 * 0.8])
     assert hits.survival == pytest.approx([0.375 * 0.2])
-    middle = first_hits(corridor(0.0, 0.5), Pose2D(0.5, 0.5), [0.0], 0.9, hit_point='middle')
+    middle = first_hits(corridor(0.0, 0.5), Pose2D(0.5, 0.5), [0.0], 0.9)
     assert middle.distances_m == pytest.approx([1.0])
 
 
@@ -86,7 +88,10 @@ def test_likelihood_is_the_sum_over_every_map():
     probability = [0.1, 0.6, 0.3, 0.8]
     z = np.array([0.7, 1.6, 2.9, np.inf])
     got = beam_log_likelihood(
-        corridor(*probability), [(fan(*z, range_max_m=REACH), Pose2D(0.5, 0.5))], gaussian
+        corridor(*probability),
+        [(fan(*z, range_max_m=REACH), Pose2D(0.5, 0.5))],
+        gaussian,
+        depth=0.0,
     )
     expected = np.zeros(4)
     for cells in itertools.product((0, 1), repeat=4):
@@ -106,7 +111,7 @@ def test_a_far_reading_does_not_underflow():
         return np.where(np.isinf(f), -np.inf, stats.norm.logpdf(z, f, 0.01))
 
     scan = fan(3.0, range_max_m=5.0)
-    got = beam_log_likelihood(corridor(0.0, 1.0), [(scan, Pose2D(0.5, 0.5))], narrow)
+    got = beam_log_likelihood(corridor(0.0, 1.0), [(scan, Pose2D(0.5, 0.5))], narrow, depth=0.0)
     assert got[0] == pytest.approx(stats.norm.logpdf(3.0, 0.5, 0.01))
 
 
@@ -115,13 +120,13 @@ def test_samples_know_what_their_mean_does_not():
     one, other = corridor(0.0, 0.0, 1.0, 0.0), corridor(0.0, 0.0, 0.0, 1.0)
     mean = corridor(0.0, 0.0, 0.5, 0.5)
     placed = [(fan(1.6, 2.6, range_max_m=REACH), Pose2D(0.5, 0.5))]
-    of_samples = log_likelihood_of_samples([one, other], placed, gaussian)
+    of_samples = log_likelihood_of_samples([one, other], placed, gaussian, depth=0.0)
     z = np.array([1.6, 2.6])
     expected = np.log(
         0.5 * np.exp(gaussian(z, np.full(2, 1.5))) + 0.5 * np.exp(gaussian(z, np.full(2, 2.5)))
     )
     assert of_samples == pytest.approx(expected)
-    assert of_samples.mean() > beam_log_likelihood(mean, placed, gaussian).mean()
+    assert of_samples.mean() > beam_log_likelihood(mean, placed, gaussian, depth=0.0).mean()
     with pytest.raises(GridError, match='at least one'):
         log_likelihood_of_samples([], placed, gaussian)
 
@@ -155,7 +160,9 @@ def test_information_is_the_expected_fall_of_entropy_over_every_map():
     p, step = [0.2, 0.5, 0.7], 0.02
     grid_map = corridor(*p)
     here, reach = Pose2D(0.5, 0.5), 2.4
-    gain = expected_information_gain(grid_map, here, [0.0], reach, gaussian, z_step_m=step)
+    gain = expected_information_gain(
+        grid_map, here, [0.0], reach, gaussian, z_step_m=step, depth=0.0
+    )
     readings = np.append(np.arange(0.5 * step, reach, step), np.inf)
     maps = list(itertools.product((0, 1), repeat=3))
     prior = np.array(
@@ -178,7 +185,7 @@ def test_information_is_the_expected_fall_of_entropy_over_every_map():
 
 
 def test_what_makes_no_sense():
-    for arguments in ({'prior': 2.0}, {'hit_point': 'end'}):
+    for arguments in ({'prior': 2.0}, {'depth': -1.0}):
         with pytest.raises(ConfigError):
             first_hits(corridor(0.5), Pose2D(), [0.0], 1.0, **arguments)
     with pytest.raises(ConfigError, match='reach'):

@@ -42,13 +42,13 @@ ROOM = world("""
 )
 def test_ranges_on_paper(bearing, entry, middle):
     here = Pose2D(1.5, 1.5)
-    assert ROOM.ranges(here, np.array([bearing]), 9.0, 'entry')[0] == pytest.approx(entry)
+    assert ROOM.ranges(here, np.array([bearing]), 9.0, 0.0)[0] == pytest.approx(entry)
     assert ROOM.ranges(here, np.array([bearing]), 9.0)[0] == pytest.approx(middle)
     # Turning the robot is the same as turning the beam; a finer world is a smaller one.
-    turned = ROOM.ranges(Pose2D(1.5, 1.5, bearing), np.zeros(1), 9.0, 'entry')
+    turned = ROOM.ranges(Pose2D(1.5, 1.5, bearing), np.zeros(1), 9.0, 0.0)
     assert turned[0] == pytest.approx(entry)
     fine = GridWorld(GridSpec(0.1, 5, 5, column0=3, row0=-2), ROOM.occupied)
-    ranges = fine.ranges(Pose2D(0.45, -0.05), np.array([bearing]), 9.0, 'entry')
+    ranges = fine.ranges(Pose2D(0.45, -0.05), np.array([bearing]), 9.0, 0.0)
     assert ranges[0] == pytest.approx(0.1 * entry)
 
 
@@ -73,14 +73,14 @@ def test_corners_belong_to_the_cell_up_and_right_of_them(towards, hit):
 
 def test_nothing_within_reach_or_outside():
     east = np.zeros(1)
-    assert np.isinf(ROOM.ranges(Pose2D(1.5, 1.5), east, 2.4, 'entry'))
-    assert ROOM.ranges(Pose2D(1.5, 1.5), east, 2.5, 'entry')[0] == 2.5
+    assert np.isinf(ROOM.ranges(Pose2D(1.5, 1.5), east, 2.4, 0.0))
+    assert ROOM.ranges(Pose2D(1.5, 1.5), east, 2.5, 0.0)[0] == 2.5
     open_field = world('...')
     assert np.isinf(open_field.ranges(Pose2D(0.5, 0.5), np.arange(6.0), 99.0)).all()
     with pytest.raises(ConfigError, match='inside of the world'):
         ROOM.ranges(Pose2D(-0.1, 1.0), east, 5.0)
-    with pytest.raises(ConfigError, match='hit_point'):
-        ROOM.ranges(Pose2D(1.5, 1.5), east, 5.0, 'end')
+    with pytest.raises(ConfigError, match='depth'):
+        ROOM.ranges(Pose2D(1.5, 1.5), east, 5.0, 1.5)
 
 
 @REPEATABLE
@@ -96,7 +96,7 @@ def test_the_first_occupied_cell_is_the_first_on_the_exact_way(seed, x, y, yaw, 
     grid = GridWorld.checked(GridSpec(1.0, 12, 12), occupied)
     here = Pose2D(x, y, yaw)
     reach = 30.0
-    entry = grid.ranges(here, np.zeros(1), reach, 'entry')[0]
+    entry = grid.ranges(here, np.zeros(1), reach, 0.0)[0]
     end = (x + reach * math.cos(yaw), y + reach * math.sin(yaw))
     if corner_margin(x, y, *end) < 1e-9:
         return
