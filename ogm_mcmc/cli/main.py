@@ -15,6 +15,7 @@ from ogm_mcmc.cli import (
     evaluate,
     experiment,
     import_carmen,
+    import_stata,
     info,
     map_bag,
     replay,
@@ -24,7 +25,18 @@ from ogm_mcmc.errors import OgmError
 
 __all__ = ['run']
 
-COMMANDS = (map_bag, import_carmen, simulate, evaluate, experiment, info, replay, bench, demo)
+COMMANDS = (
+    map_bag,
+    import_carmen,
+    import_stata,
+    simulate,
+    evaluate,
+    experiment,
+    info,
+    replay,
+    bench,
+    demo,
+)
 
 
 def make_parser() -> argparse.ArgumentParser:
