@@ -97,6 +97,27 @@ def test_a_picture_as_a_world(tmp_path, capsys):
     assert np.array_equal(truth.probability == 1.0, pixels[::-1] == 0)
 
 
+def test_believed_poses(tmp_path, capsys):
+    """Particles instead of the truth in the bag; the truth beside it."""
+    code, _, err = command(
+        capsys, 'simulate', 'building-9', '-o', tmp_path / 'bag', '--localize', '--particles', 30,
+        '--max-scans', 4, '--range-max', 7.5, '--beams', 90,
+    )  # fmt: skip
+    assert code == 0, err
+    with (tmp_path / 'bag_poses.csv').open() as stream:
+        true = [(float(row['x_m']), float(row['y_m'])) for row in csv.DictReader(stream)]
+    with BagReader(tmp_path / 'bag') as bag:
+        assert {topic.name: topic.n_messages for topic in bag.topics()} == {
+            '/odom': 4, '/particles': 4, '/pose': 4, '/scan': 4,
+        }  # fmt: skip
+        choice = StreamChoice(pose_source='particles')
+        placed = list(PlacedScans(bag, choose_topics(bag, choice), choice))
+    for (_, belief), (x, y) in zip(placed, true, strict=True):
+        assert belief.particles.poses.shape == (30, 3)
+        assert np.hypot(belief.mean.x_m - x, belief.mean.y_m - y) < 0.3
+        assert belief.mean.x_m != x
+
+
 @pytest.mark.parametrize(
     ('arguments', 'reason'),
     [
@@ -110,6 +131,8 @@ def test_a_picture_as_a_world(tmp_path, capsys):
         (['building-1', '--radius', '90'], 'radius is 900'),
         (['building-1', '--depth', '2'], 'depth is 2'),
         (['building-1', '--noise', '1', '--noise-cells', '1'], 'not allowed with'),
+        (['office', '--localize'], 'expected a world of cells'),
+        (['building-1', '--particles', '0'], 'particles is 0'),
         (['building-1', '--max-scans', '0'], 'max_stops is 0'),
     ],
     ids=lambda value: ' '.join(value) if isinstance(value, list) else '',
