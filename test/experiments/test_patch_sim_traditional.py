@@ -14,6 +14,7 @@ def test_a_hundred_names():
     assert list(set_names(maps=2, runs=1).values()) == [(1, 1), (2, 1)]
 
 
+@pytest.mark.jit
 def test_sets_are_seeded_and_differ():
     arguments = {'seed': 7, 'noise_cells': 3.0, 'max_scans': 3}
     one, same = simulated_set(9, 1, **arguments), simulated_set(9, 1, **arguments)
@@ -24,6 +25,7 @@ def test_sets_are_seeded_and_differ():
     assert one.scans[0].scan.ranges_m.size == 180
 
 
+@pytest.mark.jit
 def test_score_of_one_set():
     result = score(10, 1, seed=7, noise_cells=1.0, prior=0.234)
     assert result['positives'] + result['negatives'] == 500 * 500
