@@ -26,6 +26,7 @@ def test_cells_of_a_closed_room():
     )
 
 
+@pytest.mark.jit
 def test_the_command(capsys):
     arguments = ['bench', 'simulate', '--world', 'building-10', '--repeats', '1']
     assert run([*arguments, '--scans', '10']) == 0

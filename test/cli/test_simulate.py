@@ -30,6 +30,7 @@ def placed_scans(path):
         return list(PlacedScans(bag, choose_topics(bag, choice), choice))
 
 
+@pytest.mark.jit
 def test_bag_truth_and_poses_agree(tmp_path, capsys):
     code, out, err = command(
         capsys, 'simulate', 'building-10', '-o', tmp_path / 'bag', '--json', '--max-scans', 15,
@@ -54,6 +55,7 @@ def test_bag_truth_and_poses_agree(tmp_path, capsys):
         assert same.mean() > 0.9
 
 
+@pytest.mark.jit
 def test_mapped_and_evaluated(tmp_path, capsys):
     """The whole way, and what comes out is the building."""
     bag, maps = tmp_path / 'bag', tmp_path / 'maps'
@@ -71,6 +73,7 @@ def test_mapped_and_evaluated(tmp_path, capsys):
     assert figures['best']['f1'] > 0.7
 
 
+@pytest.mark.jit
 def test_noise_in_cells_and_in_metres(tmp_path, capsys):
     """Cells of this world are 0.1 m: 2 cells are 0.2 m, to the last digit."""
     for name, noise in (('a', ('--noise-cells', 2)), ('b', ('--noise', 0.2))):
@@ -97,6 +100,7 @@ def test_a_picture_as_a_world(tmp_path, capsys):
     assert np.array_equal(truth.probability == 1.0, pixels[::-1] == 0)
 
 
+@pytest.mark.jit
 def test_believed_poses(tmp_path, capsys):
     """Particles instead of the truth in the bag; the truth beside it."""
     code, _, err = command(
@@ -150,6 +154,7 @@ def test_a_mistake_is_one_line_and_leaves_nothing(
     assert [path.name for path in tmp_path.iterdir()] == ['notes.png']
 
 
+@pytest.mark.jit
 def test_the_truth_of_another_recording_is_not_overwritten(tmp_path, capsys):
     few = ('--max-scans', 1, '--beams', 4)
     (tmp_path / 'bag_poses.csv').write_text('mine')

@@ -100,6 +100,7 @@ def localized():
     return list(known), list(believed)
 
 
+@pytest.mark.jit
 def test_the_same_way_and_scans_as_with_known_poses(localized):
     known, believed = localized
     assert [one.pose for one in known] == [one.pose for one in believed]
@@ -108,6 +109,7 @@ def test_the_same_way_and_scans_as_with_known_poses(localized):
         assert np.array_equal(one.scan.ranges_m, other.scan.ranges_m)
 
 
+@pytest.mark.jit
 def test_beliefs_are_near_the_truth_and_say_how_near(localized):
     _, believed = localized
     errors, squared = [], []
