@@ -14,6 +14,8 @@ __all__ = [
     'Int32Array',
     'Int64Array',
     'UInt8Array',
+    'UInt32Array',
+    'UInt64Array',
 ]
 
 AnyArray = npt.NDArray[Any]
@@ -24,3 +26,5 @@ Int8Array = npt.NDArray[np.int8]
 Int32Array = npt.NDArray[np.int32]
 Int64Array = npt.NDArray[np.int64]
 UInt8Array = npt.NDArray[np.uint8]
+UInt32Array = npt.NDArray[np.uint32]
+UInt64Array = npt.NDArray[np.uint64]

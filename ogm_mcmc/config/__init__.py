@@ -1,10 +1,16 @@
 """Settings: what may be set (`mapping`, `sampling`, `priors`), and how (`settings`)."""
 
+from ogm_mcmc.config.evaluation import EvaluationConfig
 from ogm_mcmc.config.mapping import (
+    LIVE_MAPPING,
+    CountingConfig,
+    GaussianModelConfig,
     MapperConfig,
     MountConfig,
     OutputConfig,
     PlacingConfig,
+    PoseUncertainConfig,
+    SonarModelConfig,
     StepModelConfig,
 )
 from ogm_mcmc.config.priors import LearningConfig, PatchTableConfig
@@ -33,6 +39,10 @@ __all__ = [
     'ChainConfig',
     'ForwardModelConfig',
     'LearningConfig',
+    'LIVE_MAPPING',
+    'CountingConfig',
+    'EvaluationConfig',
+    'GaussianModelConfig',
     'MapperConfig',
     'MountConfig',
     'OutputConfig',
@@ -41,7 +51,9 @@ __all__ = [
     'PlacingConfig',
     'RecordingConfig',
     'SamplerConfig',
+    'PoseUncertainConfig',
     'Setting',
+    'SonarModelConfig',
     'StepModelConfig',
     'StopConfig',
     'WindowConfig',
