@@ -33,10 +33,13 @@ setup(
         'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
         # Curves and pictures of `evaluate` and `experiment`.
         'plots': ['matplotlib>=3.7'],
+        # Chains and data sets on other machines (`--scheduler`).
+        'cluster': ['distributed>=2024.1'],
         'test': [
             'pytest>=7.4',
             'hypothesis>=6.90',
             'matplotlib>=3.7',
+            'distributed>=2024.1',
             'scipy>=1.11',
             'scikit-learn>=1.3',
             'ruff>=0.9',
