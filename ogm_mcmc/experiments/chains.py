@@ -77,8 +77,9 @@ def posterior_map(sampler: PosteriorSampler, spec: GridSpec, world: GridSpec) ->
     """Return the mean of the samples on the cells of a world, nan where nothing is sampled."""
     whole = np.full(spec.height * spec.width, np.nan, np.float32)
     whole[sampler.model.touched] = sampler.estimate().mean
+    nothing = np.zeros((world.height, world.width), np.float32)
     found = GridMap(spec, whole.reshape(spec.height, spec.width))
-    return GridMap(world, aligned(found, GridMap(world, np.zeros((world.height, world.width)))))
+    return GridMap(world, aligned(found, GridMap(world, nothing)))
 
 
 def sampled_map(
