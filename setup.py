@@ -37,6 +37,8 @@ setup(
         'cluster': ['distributed>=2024.1'],
         'test': [
             'pytest>=7.4',
+            'scipy>=1.11',
+            'scikit-learn>=1.3',
             'hypothesis>=6.90',
             'matplotlib>=3.7',
             'distributed>=2024.1',
