@@ -30,7 +30,10 @@ setup(
     extras_require={
         # ROS 2 Jazzy from PyPI; leave it out where a system ROS 2 provides rclpy.
         'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
+        # Figures of the papers: `ogm_mcmc experiment`.
+        'plots': ['matplotlib>=3.8'],
         'test': [
+            'matplotlib>=3.8',
             'pytest>=7.4',
             'hypothesis>=6.90',
             'ruff>=0.9',

@@ -1,5 +1,6 @@
 """Settings: what may be set (`mapping`), and how a setting is declared and read (`settings`)."""
 
+from ogm_mcmc.config.adaptive import AdaptiveConfig
 from ogm_mcmc.config.mapping import (
     MapperConfig,
     MountConfig,
@@ -20,6 +21,7 @@ from ogm_mcmc.config.settings import (
 )
 
 __all__ = [
+    'AdaptiveConfig',
     'MapperConfig',
     'MountConfig',
     'OutputConfig',

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from ogm_mcmc.config.adaptive import AdaptiveConfig
 from ogm_mcmc.config.settings import check_bounds, setting
 from ogm_mcmc.errors import require
 
@@ -33,7 +34,9 @@ class StepModelConfig:
 class MapperConfig:
     """How scans become a grid; the same for the node, `map`, `bench` and plain Python."""
 
-    method: str = setting('two_assumption', 'mapping method', choices=('two_assumption',))
+    method: str = setting(
+        'two_assumption', 'mapping method', choices=('two_assumption', 'adaptive')
+    )
     fusion: str = setting(
         'per_scan',
         'per_scan: each cell once per scan, a hit beats a miss; per_beam: every beam counts',
@@ -65,6 +68,7 @@ class MapperConfig:
         100_000_000, 'the map never grows beyond this many cells', low=4096, high=4_000_000_000
     )
     step: StepModelConfig = StepModelConfig()
+    adaptive: AdaptiveConfig = AdaptiveConfig()  # noqa: RUF009 - frozen
 
     def __post_init__(self) -> None:
         """Refuse what is out of bounds or contradicts itself."""

@@ -26,8 +26,16 @@ and Python and two kernel calls 2.3: one call for all, and a plan that knows tha
 at the same point, are what to try next. `error_model='numpy'` changes nothing.
 """
 
+from ogm_mcmc.mapping.adaptive import AdaptiveMapper
 from ogm_mcmc.mapping.log_odds_grid import LogOddsGrid
 from ogm_mcmc.mapping.method import METHODS, MappingMethod, make_method
 from ogm_mcmc.mapping.two_assumption import TwoAssumptionMapper
 
-__all__ = ['METHODS', 'LogOddsGrid', 'MappingMethod', 'TwoAssumptionMapper', 'make_method']
+__all__ = [
+    'METHODS',
+    'AdaptiveMapper',
+    'LogOddsGrid',
+    'MappingMethod',
+    'TwoAssumptionMapper',
+    'make_method',
+]

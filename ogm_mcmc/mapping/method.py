@@ -8,6 +8,7 @@ from typing import Protocol
 from ogm_mcmc.arrays import Float32Array
 from ogm_mcmc.config import MapperConfig
 from ogm_mcmc.geometry import CellBox, GridSpec, PoseBelief, Scan
+from ogm_mcmc.mapping.adaptive import AdaptiveMapper
 from ogm_mcmc.mapping.two_assumption import TwoAssumptionMapper
 
 __all__ = ['METHODS', 'MappingMethod', 'make_method']
@@ -47,6 +48,7 @@ class MappingMethod(Protocol):
 
 METHODS: dict[str, Callable[[MapperConfig], MappingMethod]] = {
     'two_assumption': TwoAssumptionMapper,
+    'adaptive': AdaptiveMapper,
 }
 
 

@@ -29,6 +29,8 @@ def legal_values(leaf):
     """Any value a setting may have."""
     if leaf.choices:
         return st.sampled_from(leaf.choices)
+    if leaf.type is bool:
+        return st.booleans()
     if leaf.type is int:
         return st.integers(int(leaf.low), int(leaf.high))
     return st.floats(leaf.low, leaf.high)
@@ -83,6 +85,19 @@ def test_defaults_are_what_users_were_told():
         'max_cells': 100_000_000,
         'step.l_free': -1.3863,
         'step.l_occ': 1.3863,
+        'adaptive.finest_level': 0,
+        'adaptive.coarsest_level': 4,
+        'adaptive.output_level': 0,
+        'adaptive.unknowns': True,
+        'adaptive.way_to_hit': True,
+        'adaptive.significance': 0.05,
+        'adaptive.noise': 0.02,
+        'adaptive.merge_free': 0.05,
+        'adaptive.merge_occupied': 0.95,
+        'adaptive.merge_spread': 0.02,
+        'adaptive.merge_margin': 0.1,
+        'adaptive.samples': 30,
+        'adaptive.seed': 0,
     }
     assert flatten(OutputConfig()) == {
         'output': 'probability',

@@ -1,0 +1,272 @@
+"""A quadtree over flat arrays: one row per node, one small table for the roots."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ogm_mcmc.arrays import AnyArray, Float32Array, Float64Array, UInt8Array
+from ogm_mcmc.errors import GridError
+from ogm_mcmc.geometry import CellBox
+from ogm_mcmc.mapping.quadtree_kernels import FREED, NONE, ROWS
+from ogm_mcmc.mapping.quadtree_view_kernels import fill_log_odds
+
+__all__ = ['ActiveLeaves', 'Quadtree', 'QuadtreeArrays', 'TreeStatistics']
+
+Int32Array = npt.NDArray[np.int32]
+Int64Array = npt.NDArray[np.int64]
+
+# As for dense grids: the fixed-point traversal keeps 23 bits for whole columns.
+MAX_SIDE = 2**22
+MAX_ROWS = 2**31 - 1
+
+
+class QuadtreeArrays(NamedTuple):
+    """A node is a row; the four children of a node are neighbours, lower left first, row by row.
+
+    `first_child` -1: a leaf; `parent` -1: a root, -2: not in use; `level`: side 2**level cells;
+    `log_odds` nats, nan where never measured; `hits`, `misses`: beams, weighted by pose samples,
+    since the leaf was made; `slot`: place among the active leaves while a scan is added, or -1.
+    """
+
+    first_child: Int32Array
+    parent: Int32Array
+    slot: Int32Array
+    level: UInt8Array
+    log_odds: Float32Array
+    hits: Float32Array
+    misses: Float32Array
+
+
+class ActiveLeaves(NamedTuple):
+    """Leaves that one scan touches: row in the tree, lower left cell, and this scan's counts.
+
+    `evidence`: nats, weighted by pose samples; `stamp`: which sample came last, see the kernel.
+    """
+
+    node: Int32Array
+    column: Int64Array
+    row: Int64Array
+    hits: Float64Array
+    misses: Float64Array
+    unknowns: Float64Array
+    evidence: Float64Array
+    stamp: Int64Array
+
+
+class TreeStatistics(NamedTuple):
+    """What a tree takes, beside a regular grid of float32 over the same extent.
+
+    `leaves_by_level`: how many leaves have 2**0, 2**1, ... cells a side; `measured_cells`: cells
+    of the finest lattice under measured leaves; `n_bytes` counts rows in use and the table.
+    """
+
+    leaves: int
+    nodes: int
+    leaves_by_level: tuple[int, ...]
+    measured_cells: int
+    n_bytes: int
+    allocated_bytes: int
+    regular_cells: int
+    regular_bytes: int
+
+
+def _tree_arrays(n: int) -> QuadtreeArrays:
+    return QuadtreeArrays(
+        first_child=np.full(n, NONE, np.int32),
+        parent=np.full(n, NONE, np.int32),
+        slot=np.full(n, NONE, np.int32),
+        level=np.zeros(n, np.uint8),
+        log_odds=np.zeros(n, np.float32),
+        hits=np.zeros(n, np.float32),
+        misses=np.zeros(n, np.float32),
+    )
+
+
+def _active_arrays(n: int) -> ActiveLeaves:
+    return ActiveLeaves(
+        node=np.zeros(n, np.int32),
+        column=np.zeros(n, np.int64),
+        row=np.zeros(n, np.int64),
+        hits=np.zeros(n),
+        misses=np.zeros(n),
+        unknowns=np.zeros(n),
+        evidence=np.zeros(n),
+        stamp=np.zeros(n, np.int64),
+    )
+
+
+def _copy_rows(new: Sequence[AnyArray], old: Sequence[AnyArray], count: int) -> None:
+    for target, source in zip(new, old, strict=True):
+        target[:count] = source[:count]
+
+
+class Quadtree:
+    """Storage of an adaptive map: roots of 2**coarsest cells on the lattice, added as needed.
+
+    Cells given to kernels are relative to (`column0`, `row0`), which is the corner of a tile.
+    """
+
+    def __init__(self, coarsest_level: int, max_cells: int) -> None:
+        self.coarsest = coarsest_level
+        self.max_cells = max_cells
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget everything, and give the memory back."""
+        self.tree = _tree_arrays(64)
+        self.active = _active_arrays(64)
+        self.counters: Int64Array = np.array([0, NONE, 0])
+        self.table: Int32Array = np.full((1, 1), NONE, np.int32)
+        self.tile_column0 = self.tile_row0 = 0
+        self.placed = False
+
+    def forget_cells(self) -> None:
+        """Forget every leaf, but keep the extent and the memory."""
+        self.counters[:] = 0, NONE, 0
+        self.table.fill(NONE)
+
+    @property
+    def column0(self) -> int:
+        """Lattice column of the lower left cell."""
+        return self.tile_column0 << self.coarsest
+
+    @property
+    def row0(self) -> int:
+        """Lattice row of the lower left cell."""
+        return self.tile_row0 << self.coarsest
+
+    @property
+    def box(self) -> CellBox:
+        """The extent, in cells of the finest lattice."""
+        rows, columns = self.table.shape
+        side = 1 << self.coarsest
+        left, bottom = self.column0, self.row0
+        return CellBox(left, bottom, left + columns * side, bottom + rows * side)
+
+    def cover(self, box: CellBox) -> None:
+        """Grow until every cell of a lattice box lies inside, with an eighth to spare.
+
+        Raises GridError, with nothing changed, when the extent would exceed `max_cells`.
+        """
+        if self.placed and self.box.covers(box):
+            return
+        tiles = CellBox(
+            box.column0 >> self.coarsest,
+            box.row0 >> self.coarsest,
+            ((box.column1 - 1) >> self.coarsest) + 1,
+            ((box.row1 - 1) >> self.coarsest) + 1,
+        )
+        roomy = tiles
+        if self.placed:
+            rows, columns = self.table.shape
+            old = CellBox(
+                self.tile_column0,
+                self.tile_row0,
+                self.tile_column0 + columns,
+                self.tile_row0 + rows,
+            )
+            tiles = old.union(tiles)
+            columns, rows = tiles.column1 - tiles.column0, tiles.row1 - tiles.row0
+            roomy = CellBox(
+                tiles.column0 - (columns // 8 if tiles.column0 < old.column0 else 0),
+                tiles.row0 - (rows // 8 if tiles.row0 < old.row0 else 0),
+                tiles.column1 + (columns // 8 if tiles.column1 > old.column1 else 0),
+                tiles.row1 + (rows // 8 if tiles.row1 > old.row1 else 0),
+            )
+        target = roomy if self._allowed(roomy) else tiles
+        if not self._allowed(target):
+            side = 1 << self.coarsest
+            width, height = (
+                side * (tiles.column1 - tiles.column0),
+                side * (tiles.row1 - tiles.row0),
+            )
+            raise GridError(
+                f'map would grow to {width} x {height} cells: expected at most '
+                f'max_cells = {self.max_cells}, and {MAX_SIDE} along a side'
+            )
+        self._move_to(target)
+
+    def _allowed(self, tiles: CellBox) -> bool:
+        longest = max(tiles.column1 - tiles.column0, tiles.row1 - tiles.row0) << self.coarsest
+        return tiles.n_cells << 2 * self.coarsest <= self.max_cells and longest <= MAX_SIDE
+
+    def _move_to(self, tiles: CellBox) -> None:
+        before, column0, row0 = self.table, self.tile_column0, self.tile_row0
+        shape = (tiles.row1 - tiles.row0, tiles.column1 - tiles.column0)
+        self.table = np.full(shape, NONE, np.int32)
+        self.tile_column0, self.tile_row0 = tiles.column0, tiles.row0
+        if self.placed:
+            top, left = row0 - tiles.row0, column0 - tiles.column0
+            self.table[top : top + before.shape[0], left : left + before.shape[1]] = before
+        self.placed = True
+
+    def make_room(self, *, rows: int, slots: int) -> None:
+        """Have at least so many rows of the tree, and slots for active leaves, beyond those used.
+
+        Raises GridError when the tree would exceed 2**31 - 1 nodes.
+        """
+        used = int(self.counters[ROWS])
+        if used + rows > MAX_ROWS:
+            raise GridError(f'the quadtree would exceed {MAX_ROWS} nodes')
+        if used + rows > self.tree.level.size:
+            size = min(max(used + rows, used + used // 2), MAX_ROWS)
+            grown = _tree_arrays(size)
+            _copy_rows(grown, self.tree, used)
+            self.tree = grown
+        taken = self.active.node.size
+        if taken < slots:
+            bigger = _active_arrays(max(slots, 2 * taken))
+            _copy_rows(bigger, self.active, taken)
+            self.active = bigger
+
+    def log_odds(self, box: CellBox, output_level: int) -> Float32Array:
+        """Log-odds for a box of output cells, nan where never measured."""
+        out: Float32Array = np.full(
+            (box.row1 - box.row0, box.column1 - box.column0), np.nan, np.float32
+        )
+        column0 = box.column0 - (self.column0 >> output_level)
+        row0 = box.row0 - (self.row0 >> output_level)
+        # The kernel reads the table, which ends where the extent does.
+        shift = self.coarsest - output_level
+        left, bottom = max(0, -column0), max(0, -row0)
+        right = min(out.shape[1], (self.table.shape[1] << shift) - column0)
+        top = min(out.shape[0], (self.table.shape[0] << shift) - row0)
+        if left < right and bottom < top:
+            inside = np.full((top - bottom, right - left), np.nan, np.float32)
+            fill_log_odds(
+                self.tree,
+                self.table,
+                self.coarsest,
+                output_level,
+                column0 + left,
+                row0 + bottom,
+                inside,
+            )
+            out[bottom:top, left:right] = inside
+        return out
+
+    def statistics(self) -> TreeStatistics:
+        """Count leaves and bytes."""
+        used = int(self.counters[ROWS])
+        tree = self.tree
+        alive = tree.parent[:used] != FREED
+        leaves = alive & (tree.first_child[:used] < 0)
+        levels = tree.level[:used][leaves].astype(np.int64)
+        measured = levels[~np.isnan(tree.log_odds[:used][leaves])]
+        row_bytes = sum(array.itemsize for array in self.tree)
+        nodes = int(alive.sum())
+        regular = self.box.n_cells
+        return TreeStatistics(
+            leaves=int(leaves.sum()),
+            nodes=nodes,
+            leaves_by_level=tuple(np.bincount(levels, minlength=self.coarsest + 1).tolist()),
+            measured_cells=int((4**measured).sum()),
+            n_bytes=nodes * row_bytes + self.table.nbytes,
+            allocated_bytes=sum(array.nbytes for array in self.tree) + self.table.nbytes,
+            regular_cells=regular,
+            regular_bytes=4 * regular,
+        )

@@ -1,0 +1,343 @@
+"""Kernels of the adaptive map ([pose] section VI): count, split, update, merge, read.
+
+tree    `QuadtreeArrays`: a node is a row; a leaf has no children
+active  `ActiveLeaves`: the leaves a scan touches; a leaf's row says its slot in here
+table   (rows, columns) int32: the root of each tile, -1 where none is yet; tile (0, 0) has cell
+        (0, 0), and all cells here are relative to that one
+beams   `PlacedBeams`: one scan from every pose sample
+
+Nothing is checked: beams must lie inside the table.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from ogm_mcmc.geometry.traversal_kernels import trace_ray
+
+NONE, FREED = -1, -2
+
+# Places in the `counters` of a tree.
+ROWS, FREE, ACTIVE = range(3)
+
+
+@njit(cache=True, nogil=True, inline='always')
+def clear_row(tree, node, parent, level, log_odds):
+    """Make a row an untouched leaf."""
+    tree.first_child[node] = NONE
+    tree.parent[node] = parent
+    tree.slot[node] = NONE
+    tree.level[node] = level
+    tree.log_odds[node] = log_odds
+    tree.hits[node] = 0.0
+    tree.misses[node] = 0.0
+
+
+@njit(cache=True, nogil=True)
+def find_leaf(tree, table, coarsest, column, row):
+    """Return the leaf that holds a cell, -1 where the tile has none yet."""
+    node = table[row >> coarsest, column >> coarsest]
+    level = coarsest
+    while node >= 0 and tree.first_child[node] >= 0:
+        level -= 1
+        upper, right = (row >> level) & 1, (column >> level) & 1
+        node = tree.first_child[node] + 2 * upper + right
+    return node
+
+
+@njit(cache=True, nogil=True)
+def touch(tree, counters, active, table, coarsest, column, row):
+    """Return the leaf that holds a cell, with a slot among the active ones."""
+    node = find_leaf(tree, table, coarsest, column, row)
+    if node < 0:
+        node = np.int32(counters[ROWS])
+        counters[ROWS] += 1
+        clear_row(tree, node, NONE, coarsest, math.nan)
+        table[row >> coarsest, column >> coarsest] = node
+    if tree.slot[node] == NONE:
+        slot = counters[ACTIVE]
+        counters[ACTIVE] += 1
+        level = np.int64(tree.level[node])
+        tree.slot[node] = slot
+        active.node[slot] = node
+        active.column[slot] = column >> level << level
+        active.row[slot] = row >> level << level
+        active.hits[slot] = active.misses[slot] = active.unknowns[slot] = 0.0
+        active.evidence[slot] = 0.0
+        active.stamp[slot] = -1
+    return node
+
+
+@njit(cache=True, nogil=True)
+def count_miss(active, slot, sample, weight, l_free, per_scan):
+    """Note a beam that passed through a leaf."""
+    active.misses[slot] += weight
+    if not per_scan:
+        active.evidence[slot] += weight * l_free
+    elif active.stamp[slot] < 2 * sample:
+        active.evidence[slot] += weight * l_free
+        active.stamp[slot] = 2 * sample
+
+
+@njit(cache=True, nogil=True)
+def count_hit(active, slot, sample, weight, way, l_free, l_occ, per_scan):
+    """Note a beam that ended in a leaf after crossing a share `way` of its side."""
+    active.hits[slot] += weight
+    active.misses[slot] += weight * way
+    if not per_scan:
+        active.evidence[slot] += weight * l_occ
+    elif active.stamp[slot] <= 2 * sample:
+        # A hit beats the miss of another beam of the same scan.
+        missed = active.stamp[slot] == 2 * sample
+        active.evidence[slot] += weight * (l_occ - l_free if missed else l_occ)
+        active.stamp[slot] = 2 * sample + 1
+
+
+@njit(cache=True, nogil=True)
+def count_seen(
+    tree,
+    counters,
+    active,
+    table,
+    coarsest,
+    beams,
+    start,
+    fresh,
+    l_free,
+    l_occ,
+    per_scan,
+    way_to_hit,
+):
+    """Count hits and misses of the beams from `start` on; return the first that has no room.
+
+    fresh  slots below are left alone: their leaves were counted before
+    The stamp of a slot is 2 j after a miss and 2 j + 1 after a hit by pose sample j, so that a
+    leaf takes each sample's scan once (`per_scan`).
+    """
+    columns, rows = np.empty(0, np.int64), np.empty(0, np.int64)
+    for beam in range(start, beams.end_x.size):
+        x0, y0, x1, y1 = beams.x[beam], beams.y[beam], beams.end_x[beam], beams.end_y[beam]
+        longest = np.int64(abs(x1 - x0) + abs(y1 - y0)) + 5
+        room = min(active.node.size - counters[ACTIVE], tree.level.size - counters[ROWS])
+        if room < longest:
+            return beam
+        if columns.size < longest:
+            columns, rows = np.empty(2 * longest, np.int64), np.empty(2 * longest, np.int64)
+        cells = trace_ray(beams.column[beam], beams.row[beam], x0, y0, x1, y1, columns, rows)
+        sample, weight = beams.sample[beam], beams.weight[beam]
+
+        hit_leaf, end_column, end_row = NONE, np.int64(NONE), np.int64(NONE)
+        if beams.hit[beam]:
+            end_column = beams.column[beam] + math.floor(x1)
+            end_row = beams.row[beam] + math.floor(y1)
+            hit_leaf = touch(tree, counters, active, table, coarsest, end_column, end_row)
+        leaf, level, corner_column, corner_row = np.int32(NONE), np.int64(0), NONE, NONE
+        crossed = 0  # cells of the leaf the beam ends in, before its last
+        for k in range(cells):
+            column, row = columns[k], rows[k]
+            if column == end_column and row == end_row:
+                continue
+            if column >> level != corner_column or row >> level != corner_row or leaf < 0:
+                leaf = touch(tree, counters, active, table, coarsest, column, row)
+                level = np.int64(tree.level[leaf])
+                corner_column, corner_row = column >> level, row >> level
+                slot = tree.slot[leaf]
+                if leaf != hit_leaf and slot >= fresh:
+                    count_miss(active, slot, sample, weight, l_free, per_scan)
+            crossed += leaf == hit_leaf
+        if hit_leaf >= 0 and tree.slot[hit_leaf] >= fresh:
+            side = np.int64(1) << np.int64(tree.level[hit_leaf])
+            way = min(1.0, crossed / side) if way_to_hit else 0.0
+            count_hit(active, tree.slot[hit_leaf], sample, weight, way, l_free, l_occ, per_scan)
+    return beams.end_x.size
+
+
+@njit(cache=True, nogil=True)
+def count_unknowns(tree, active, table, coarsest, beams, fresh):
+    """Count, for each active leaf, the beams that ended before they reached it.
+
+    A beam is followed behind its end to `beams.last_x`, `last_y`; leaves that nothing reached
+    are not asked: no count of theirs deviates from "unknown".
+    """
+    columns, rows = np.empty(0, np.int64), np.empty(0, np.int64)
+    for beam in range(beams.end_x.size):
+        if not beams.hit[beam]:
+            continue
+        x0, y0, x1, y1 = (
+            beams.end_x[beam],
+            beams.end_y[beam],
+            beams.last_x[beam],
+            beams.last_y[beam],
+        )
+        longest = np.int64(abs(x1 - x0) + abs(y1 - y0)) + 5
+        if columns.size < longest:
+            columns, rows = np.empty(2 * longest, np.int64), np.empty(2 * longest, np.int64)
+        cells = trace_ray(beams.column[beam], beams.row[beam], x0, y0, x1, y1, columns, rows)
+        end_column = beams.column[beam] + math.floor(x0)
+        end_row = beams.row[beam] + math.floor(y0)
+        hit_leaf = find_leaf(tree, table, coarsest, end_column, end_row)
+        leaf, level, corner_column, corner_row = hit_leaf, np.int64(tree.level[hit_leaf]), 0, 0
+        corner_column, corner_row = end_column >> level, end_row >> level
+        for k in range(cells):
+            column, row = columns[k], rows[k]
+            if column >> level == corner_column and row >> level == corner_row:
+                continue
+            leaf = find_leaf(tree, table, coarsest, column, row)
+            level = coarsest if leaf < 0 else np.int64(tree.level[leaf])
+            corner_column, corner_row = column >> level, row >> level
+            if leaf >= 0 and leaf != hit_leaf and tree.slot[leaf] >= fresh:
+                active.unknowns[tree.slot[leaf]] += beams.weight[beam]
+
+
+@njit(cache=True, nogil=True, inline='always')
+def deviation(most, other, unknown, noise, unknowns):
+    """Chi-square of counts against a leaf that is all of one kind.
+
+    Of n beams a share 1 - noise should agree with the leaf; the rest is spread evenly over the
+    other kinds, of which there are two if unknowns count ([pose] section VI-A).
+    """
+    n = most + other + (unknown if unknowns else 0.0)
+    right = n * (1.0 - noise)
+    wrong = n * noise / (2.0 if unknowns else 1.0)
+    chi_square = (most - right) ** 2 / right + (other - wrong) ** 2 / wrong
+    if unknowns:
+        chi_square += (unknown - wrong) ** 2 / wrong
+    return chi_square
+
+
+@njit(cache=True, nogil=True)
+def split_leaves(tree, counters, active, finest, fresh, critical, noise, unknowns):
+    """Split the active leaves from slot `fresh` on whose counts fit neither kind of leaf.
+
+    Children inherit the log-odds from before this scan; their counts start at nothing, because
+    which child the old ones belong to is not known. Needs room for four rows per leaf.
+    Returns how many were split; their slots are vacant then (node -1).
+    """
+    split = 0
+    for slot in range(fresh, counters[ACTIVE]):
+        node = active.node[slot]
+        level = np.int64(tree.level[node])
+        if level <= finest:
+            continue
+        hits = tree.hits[node] + active.hits[slot]
+        misses = tree.misses[node] + active.misses[slot]
+        unknown = active.unknowns[slot]
+        free = deviation(misses, hits, unknown, noise, unknowns)
+        occupied = deviation(hits, misses, unknown, noise, unknowns)
+        if min(free, occupied) < critical:
+            continue
+        first = counters[FREE]
+        if first >= 0:
+            counters[FREE] = tree.first_child[first]
+        else:
+            first = counters[ROWS]
+            counters[ROWS] += 4
+        for child in range(first, first + 4):
+            clear_row(tree, child, node, level - 1, tree.log_odds[node])
+        tree.first_child[node] = first
+        tree.slot[node] = NONE
+        tree.hits[node] = tree.misses[node] = 0.0
+        active.node[slot] = NONE
+        split += 1
+    return split
+
+
+@njit(cache=True, nogil=True)
+def apply_evidence(tree, counters, active, prior, limit, extent):
+    """Give every active leaf its log-odds and counts; widen `extent` to what changed.
+
+    l <- l + sum over samples of weight * l(m | z) - l(m) ([pose] Eq. 3 and 9)
+    extent  (4,) int64: first column, first row, one past the last column and row
+    """
+    for slot in range(counters[ACTIVE]):
+        node = active.node[slot]
+        if node < 0:
+            continue
+        old = tree.log_odds[node]
+        before = prior if old != old else old
+        change = np.float32(active.evidence[slot])
+        tree.log_odds[node] = min(max(before + change, -limit), limit)
+        tree.hits[node] += np.float32(active.hits[slot])
+        tree.misses[node] += np.float32(active.misses[slot])
+        tree.slot[node] = NONE
+        side = np.int64(1) << np.int64(tree.level[node])
+        extent[0] = min(extent[0], active.column[slot])
+        extent[1] = min(extent[1], active.row[slot])
+        extent[2] = max(extent[2], active.column[slot] + side)
+        extent[3] = max(extent[3], active.row[slot] + side)
+
+
+@njit(cache=True, nogil=True, inline='always')
+def may_merge(tree, first, below, above, spread, margin, critical, noise):
+    """Whether four leaves hold nothing that one would not ([pose] section VI-B).
+
+    Deviation: their counts together must pass the test for splitting, too. Otherwise the next
+    scan would split the leaf again, and each hit on a new thing in an area long known to be free
+    would be spread over that area before the next one comes.
+    """
+    total = squares = 0.0
+    hits = misses = 0.0
+    smallest, largest = 2.0, -1.0
+    unseen = 0
+    for child in range(first, first + 4):
+        if tree.first_child[child] >= 0:
+            return False
+        hits += tree.hits[child]
+        misses += tree.misses[child]
+        if tree.log_odds[child] != tree.log_odds[child]:
+            unseen += 1
+            continue
+        p = 1.0 / (1.0 + math.exp(-np.float64(tree.log_odds[child])))
+        total += p
+        squares += p * p
+        smallest, largest = min(smallest, p), max(largest, p)
+    if unseen > 0:
+        return unseen == 4
+    if hits + misses > 0.0:
+        free = deviation(misses, hits, 0.0, noise, False)
+        occupied = deviation(hits, misses, 0.0, noise, False)
+        if min(free, occupied) >= critical:
+            return False
+    mean = total / 4.0
+    width = math.sqrt(max(0.0, squares / 4.0 - mean * mean))
+    certain = mean <= margin or mean >= 1.0 - margin
+    return (width < spread and certain) or smallest > above or largest < below
+
+
+@njit(cache=True, nogil=True)
+def merge_leaves(tree, counters, active, below, above, spread, margin, critical, noise, extent):
+    """Merge siblings of touched leaves, as far up as they allow; return how many groups were.
+
+    The new leaf has the mean of the log-odds and the sum of the counts; `extent` as before.
+    critical  upper point of chi-square with one degree of freedom: unknowns are forgotten by now
+    """
+    merged = 0
+    for slot in range(counters[ACTIVE]):
+        node = active.node[slot]
+        if node < 0 or tree.parent[node] == FREED:
+            continue
+        parent = tree.parent[node]
+        while parent >= 0:
+            first = tree.first_child[parent]
+            if not may_merge(tree, first, below, above, spread, margin, critical, noise):
+                break
+            total = 0.0
+            for child in range(first, first + 4):
+                total += np.float64(tree.log_odds[child])
+                tree.hits[parent] += tree.hits[child]
+                tree.misses[parent] += tree.misses[child]
+                tree.parent[child] = FREED
+            tree.log_odds[parent] = np.float32(total / 4.0)
+            tree.first_child[parent] = NONE
+            tree.first_child[first] = counters[FREE]
+            counters[FREE] = first
+            merged += 1
+            level = np.int64(tree.level[parent])
+            column, row = active.column[slot] >> level << level, active.row[slot] >> level << level
+            extent[0] = min(extent[0], column)
+            extent[1] = min(extent[1], row)
+            extent[2] = max(extent[2], column + (np.int64(1) << level))
+            extent[3] = max(extent[3], row + (np.int64(1) << level))
+            parent = tree.parent[parent]
+    return merged
