@@ -23,12 +23,13 @@ from ogm_mcmc.geometry import (
     cast_rays,
 )
 from ogm_mcmc.mapping.belief_samples import belief_samples
-from ogm_mcmc.mapping.quadtree import Quadtree, TreeStatistics
+from ogm_mcmc.mapping.quadtree import Quadtree, Trail, TreeStatistics
 from ogm_mcmc.mapping.quadtree_kernels import (
     ACTIVE,
     apply_evidence,
     count_seen,
     count_unknowns,
+    mark_again,
     merge_leaves,
     split_leaves,
 )
@@ -39,6 +40,10 @@ Int64Array = npt.NDArray[np.int64]
 
 # A beam is followed behind its end up to just inside the window, so that rounding stays there.
 INSIDE = 1e-6
+
+# More than the cells by which a walk may exceed the sides of the box around it.
+SPARE = 8
+TRAIL_SIZE = 4096
 
 
 class PlacedBeams(NamedTuple):
@@ -205,33 +210,16 @@ class AdaptiveMapper:
         return x + share * dx, y + share * dy
 
     def _count_and_split(self, beams: PlacedBeams) -> None:
+        """Count, split, and count again along the beams that met a leaf which was split."""
         tree, settings = self.tree, self.settings
         tree.counters[ACTIVE] = 0
+        seen = Trail.of(np.ones(beams.hit.size, np.uint8), TRAIL_SIZE)
+        behind = Trail.of(beams.hit, TRAIL_SIZE)
         fresh = 0
         while True:
-            start = 0
-            while start < beams.end_x.size:
-                stopped = count_seen(
-                    tree.tree,
-                    tree.counters,
-                    tree.active,
-                    tree.table,
-                    tree.coarsest,
-                    beams,
-                    start,
-                    fresh,
-                    self._l_free,
-                    self._l_occ,
-                    self.config.fusion == 'per_scan',
-                    settings.way_to_hit,
-                )
-                if stopped < beams.end_x.size:
-                    longest = abs(beams.end_x - beams.x) + abs(beams.end_y - beams.y)
-                    room = int(longest[stopped]) + 8
-                    tree.make_room(rows=room, slots=int(tree.counters[ACTIVE]) + room)
-                start = stopped
+            seen = self._count_seen(beams, seen, fresh)
             if settings.unknowns:
-                count_unknowns(tree.tree, tree.active, tree.table, tree.coarsest, beams, fresh)
+                behind = self._count_unknowns(beams, behind, fresh)
             counted = int(tree.counters[ACTIVE])
             tree.make_room(rows=4 * (counted - fresh), slots=counted)
             split = split_leaves(
@@ -247,6 +235,54 @@ class AdaptiveMapper:
             if split == 0:
                 return
             fresh = counted
+            mark_again(tree.active, seen)
+            mark_again(tree.active, behind)
+
+    def _count_seen(self, beams: PlacedBeams, trail: Trail, fresh: int) -> Trail:
+        tree, start = self.tree, 0
+        while True:
+            start = count_seen(
+                tree.tree,
+                tree.counters,
+                tree.active,
+                trail,
+                tree.table,
+                tree.coarsest,
+                self.settings.finest_level,
+                beams,
+                start,
+                fresh,
+                self._l_free,
+                self._l_occ,
+                self.config.fusion == 'per_scan',
+                self.settings.way_to_hit,
+            )
+            if start == beams.hit.size:
+                return trail
+            dx, dy = beams.end_x[start] - beams.x[start], beams.end_y[start] - beams.y[start]
+            room = int(abs(dx) + abs(dy)) + SPARE
+            tree.make_room(rows=room, slots=int(tree.counters[ACTIVE]) + room)
+            trail = trail.roomier(room)
+
+    def _count_unknowns(self, beams: PlacedBeams, trail: Trail, fresh: int) -> Trail:
+        tree, start = self.tree, 0
+        while True:
+            start = count_unknowns(
+                tree.tree,
+                tree.active,
+                trail,
+                tree.table,
+                tree.coarsest,
+                self.settings.finest_level,
+                beams,
+                start,
+                fresh,
+            )
+            if start == beams.hit.size:
+                return trail
+            dx = beams.last_x[start] - beams.end_x[start]
+            dy = beams.last_y[start] - beams.end_y[start]
+            trail = trail.roomier(int(abs(dx) + abs(dy)) + SPARE)
 
     def _apply_and_merge(self) -> CellBox:
         tree, settings = self.tree, self.settings

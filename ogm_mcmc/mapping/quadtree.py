@@ -14,7 +14,7 @@ from ogm_mcmc.geometry import CellBox
 from ogm_mcmc.mapping.quadtree_kernels import FREED, NONE, ROWS
 from ogm_mcmc.mapping.quadtree_view_kernels import fill_log_odds
 
-__all__ = ['ActiveLeaves', 'Quadtree', 'QuadtreeArrays', 'TreeStatistics']
+__all__ = ['ActiveLeaves', 'Quadtree', 'QuadtreeArrays', 'Trail', 'TreeStatistics']
 
 Int32Array = npt.NDArray[np.int32]
 Int64Array = npt.NDArray[np.int64]
@@ -55,6 +55,36 @@ class ActiveLeaves(NamedTuple):
     unknowns: Float64Array
     evidence: Float64Array
     stamp: Int64Array
+
+
+class Trail(NamedTuple):
+    """Which active leaves each beam met that may still split, so that few beams are walked twice.
+
+    Beam n met `slots[first[n]:last[n]]`; `used` (1,): slots taken in all; `again`: whether the
+    beam is to be walked in this round.
+    """
+
+    slots: Int32Array
+    first: Int64Array
+    last: Int64Array
+    again: UInt8Array
+    used: Int64Array
+
+    @classmethod
+    def of(cls, walked: UInt8Array, size: int) -> Trail:
+        """Return one for beams of which those marked are walked in the first round."""
+        n = walked.size
+        slots, ends = np.zeros(size, np.int32), np.zeros((2, n), np.int64)
+        return cls(slots, ends[0], ends[1], walked.copy(), np.zeros(1, np.int64))
+
+    def roomier(self, room: int) -> Trail:
+        """Return this one with space for `room` more slots."""
+        needed = int(self.used[0]) + room
+        if needed <= self.slots.size:
+            return self
+        slots = np.zeros(2 * needed, np.int32)
+        slots[: self.slots.size] = self.slots
+        return self._replace(slots=slots)
 
 
 class TreeStatistics(NamedTuple):

@@ -5,6 +5,7 @@ active  `ActiveLeaves`: the leaves a scan touches; a leaf's row says its slot in
 table   (rows, columns) int32: the root of each tile, -1 where none is yet; tile (0, 0) has cell
         (0, 0), and all cells here are relative to that one
 beams   `PlacedBeams`: one scan from every pose sample
+trail   `Trail`: which leaves each beam met that may still split
 
 Nothing is checked: beams must lie inside the table.
 """
@@ -34,50 +35,38 @@ def clear_row(tree, node, parent, level, log_odds):
     tree.misses[node] = 0.0
 
 
-@njit(cache=True, nogil=True)
-def find_leaf(tree, table, coarsest, column, row):
-    """Return the leaf that holds a cell, -1 where the tile has none yet."""
-    node = table[row >> coarsest, column >> coarsest]
+@njit(cache=True, nogil=True, inline='always')
+def find_leaf(first_child, table, coarsest, column, row):
+    """Return the leaf that holds a cell and its level; -1 and the coarsest if there is none."""
+    node = np.int64(table[row >> coarsest, column >> coarsest])
     level = coarsest
-    while node >= 0 and tree.first_child[node] >= 0:
-        level -= 1
-        upper, right = (row >> level) & 1, (column >> level) & 1
-        node = tree.first_child[node] + 2 * upper + right
-    return node
+    if node >= 0:
+        child = np.int64(first_child[node])
+        while child >= 0:
+            level -= 1
+            node = child + 2 * ((row >> level) & 1) + ((column >> level) & 1)
+            child = np.int64(first_child[node])
+    return node, level
 
 
 @njit(cache=True, nogil=True)
-def touch(tree, counters, active, table, coarsest, column, row):
-    """Return the leaf that holds a cell, with a slot among the active ones."""
-    node = find_leaf(tree, table, coarsest, column, row)
+def activate(tree, counters, active, table, coarsest, node, level, column, row):
+    """Give a leaf a slot among the active ones, and a tile without any its root; return it."""
     if node < 0:
-        node = np.int32(counters[ROWS])
+        node = counters[ROWS]
         counters[ROWS] += 1
         clear_row(tree, node, NONE, coarsest, math.nan)
         table[row >> coarsest, column >> coarsest] = node
-    if tree.slot[node] == NONE:
-        slot = counters[ACTIVE]
-        counters[ACTIVE] += 1
-        level = np.int64(tree.level[node])
-        tree.slot[node] = slot
-        active.node[slot] = node
-        active.column[slot] = column >> level << level
-        active.row[slot] = row >> level << level
-        active.hits[slot] = active.misses[slot] = active.unknowns[slot] = 0.0
-        active.evidence[slot] = 0.0
-        active.stamp[slot] = -1
+    slot = counters[ACTIVE]
+    counters[ACTIVE] += 1
+    tree.slot[node] = slot
+    active.node[slot] = node
+    active.column[slot] = column >> level << level
+    active.row[slot] = row >> level << level
+    active.hits[slot] = active.misses[slot] = active.unknowns[slot] = 0.0
+    active.evidence[slot] = 0.0
+    active.stamp[slot] = -1
     return node
-
-
-@njit(cache=True, nogil=True)
-def count_miss(active, slot, sample, weight, l_free, per_scan):
-    """Note a beam that passed through a leaf."""
-    active.misses[slot] += weight
-    if not per_scan:
-        active.evidence[slot] += weight * l_free
-    elif active.stamp[slot] < 2 * sample:
-        active.evidence[slot] += weight * l_free
-        active.stamp[slot] = 2 * sample
 
 
 @njit(cache=True, nogil=True)
@@ -99,8 +88,10 @@ def count_seen(
     tree,
     counters,
     active,
+    trail,
     table,
     coarsest,
+    finest,
     beams,
     start,
     fresh,
@@ -115,79 +106,138 @@ def count_seen(
     The stamp of a slot is 2 j after a miss and 2 j + 1 after a hit by pose sample j, so that a
     leaf takes each sample's scan once (`per_scan`).
     """
+    # Taken out of their tuples once: inside the loops each access would count a reference.
+    first_child, slots, met_slots = tree.first_child, tree.slot, trail.slots
+    misses, evidence, stamp = active.misses, active.evidence, active.stamp
     columns, rows = np.empty(0, np.int64), np.empty(0, np.int64)
     for beam in range(start, beams.end_x.size):
+        if not trail.again[beam]:
+            continue
         x0, y0, x1, y1 = beams.x[beam], beams.y[beam], beams.end_x[beam], beams.end_y[beam]
         longest = np.int64(abs(x1 - x0) + abs(y1 - y0)) + 5
         room = min(active.node.size - counters[ACTIVE], tree.level.size - counters[ROWS])
-        if room < longest:
+        if min(room, met_slots.size - trail.used[0]) < longest:
             return beam
         if columns.size < longest:
             columns, rows = np.empty(2 * longest, np.int64), np.empty(2 * longest, np.int64)
         cells = trace_ray(beams.column[beam], beams.row[beam], x0, y0, x1, y1, columns, rows)
         sample, weight = beams.sample[beam], beams.weight[beam]
+        met = trail.first[beam] = trail.used[0]
 
-        hit_leaf, end_column, end_row = NONE, np.int64(NONE), np.int64(NONE)
+        hit_leaf, hit_level = np.int64(NONE), np.int64(0)
+        end_column, end_row = np.int64(NONE), np.int64(NONE)
         if beams.hit[beam]:
             end_column = beams.column[beam] + math.floor(x1)
             end_row = beams.row[beam] + math.floor(y1)
-            hit_leaf = touch(tree, counters, active, table, coarsest, end_column, end_row)
-        leaf, level, corner_column, corner_row = np.int32(NONE), np.int64(0), NONE, NONE
+            hit_leaf, hit_level = find_leaf(first_child, table, coarsest, end_column, end_row)
+            if hit_leaf < 0 or slots[hit_leaf] == NONE:
+                hit_leaf = activate(
+                    tree,
+                    counters,
+                    active,
+                    table,
+                    coarsest,
+                    hit_leaf,
+                    hit_level,
+                    end_column,
+                    end_row,
+                )
+        leaf, level = np.int64(NONE), np.int64(0)
+        corner_column, corner_row = np.int64(NONE), np.int64(NONE)
         crossed = 0  # cells of the leaf the beam ends in, before its last
         for k in range(cells):
             column, row = columns[k], rows[k]
+            if column >> level == corner_column and row >> level == corner_row:
+                crossed += leaf == hit_leaf and not (column == end_column and row == end_row)
+                continue
             if column == end_column and row == end_row:
                 continue
-            if column >> level != corner_column or row >> level != corner_row or leaf < 0:
-                leaf = touch(tree, counters, active, table, coarsest, column, row)
-                level = np.int64(tree.level[leaf])
-                corner_column, corner_row = column >> level, row >> level
-                slot = tree.slot[leaf]
-                if leaf != hit_leaf and slot >= fresh:
-                    count_miss(active, slot, sample, weight, l_free, per_scan)
+            leaf, level = find_leaf(first_child, table, coarsest, column, row)
+            corner_column, corner_row = column >> level, row >> level
             crossed += leaf == hit_leaf
-        if hit_leaf >= 0 and tree.slot[hit_leaf] >= fresh:
-            side = np.int64(1) << np.int64(tree.level[hit_leaf])
-            way = min(1.0, crossed / side) if way_to_hit else 0.0
-            count_hit(active, tree.slot[hit_leaf], sample, weight, way, l_free, l_occ, per_scan)
+            if leaf < 0 or slots[leaf] == NONE:
+                leaf = activate(tree, counters, active, table, coarsest, leaf, level, column, row)
+            slot = np.int64(slots[leaf])
+            if leaf != hit_leaf and slot >= fresh:
+                misses[slot] += weight
+                if not per_scan:
+                    evidence[slot] += weight * l_free
+                elif stamp[slot] < 2 * sample:
+                    evidence[slot] += weight * l_free
+                    stamp[slot] = 2 * sample
+                if level > finest:
+                    met_slots[met] = slot
+                    met += 1
+        if hit_leaf >= 0 and slots[hit_leaf] >= fresh:
+            way = min(1.0, crossed / (np.int64(1) << hit_level)) if way_to_hit else 0.0
+            slot = np.int64(slots[hit_leaf])
+            count_hit(active, slot, sample, weight, way, l_free, l_occ, per_scan)
+            if hit_level > finest:
+                met_slots[met] = slot
+                met += 1
+        trail.last[beam] = trail.used[0] = met
     return beams.end_x.size
 
 
 @njit(cache=True, nogil=True)
-def count_unknowns(tree, active, table, coarsest, beams, fresh):
+def count_unknowns(tree, active, trail, table, coarsest, finest, beams, start, fresh):
     """Count, for each active leaf, the beams that ended before they reached it.
 
     A beam is followed behind its end to `beams.last_x`, `last_y`; leaves that nothing reached
-    are not asked: no count of theirs deviates from "unknown".
+    are not asked: no count of theirs deviates from "unknown". `start` and result as before.
     """
+    first_child, slots, met_slots = tree.first_child, tree.slot, trail.slots
+    unknowns = active.unknowns
     columns, rows = np.empty(0, np.int64), np.empty(0, np.int64)
-    for beam in range(beams.end_x.size):
-        if not beams.hit[beam]:
+    for beam in range(start, beams.end_x.size):
+        if not trail.again[beam]:
             continue
-        x0, y0, x1, y1 = (
-            beams.end_x[beam],
-            beams.end_y[beam],
-            beams.last_x[beam],
-            beams.last_y[beam],
-        )
+        x0, y0 = beams.end_x[beam], beams.end_y[beam]
+        x1, y1 = beams.last_x[beam], beams.last_y[beam]
         longest = np.int64(abs(x1 - x0) + abs(y1 - y0)) + 5
+        if met_slots.size - trail.used[0] < longest:
+            return beam
         if columns.size < longest:
             columns, rows = np.empty(2 * longest, np.int64), np.empty(2 * longest, np.int64)
         cells = trace_ray(beams.column[beam], beams.row[beam], x0, y0, x1, y1, columns, rows)
-        end_column = beams.column[beam] + math.floor(x0)
-        end_row = beams.row[beam] + math.floor(y0)
-        hit_leaf = find_leaf(tree, table, coarsest, end_column, end_row)
-        leaf, level, corner_column, corner_row = hit_leaf, np.int64(tree.level[hit_leaf]), 0, 0
-        corner_column, corner_row = end_column >> level, end_row >> level
+        column = beams.column[beam] + math.floor(x0)
+        row = beams.row[beam] + math.floor(y0)
+        hit_leaf, level = find_leaf(first_child, table, coarsest, column, row)
+        corner_column, corner_row = column >> level, row >> level
+        weight = beams.weight[beam]
+        met = trail.first[beam] = trail.used[0]
+        if level > finest and slots[hit_leaf] >= fresh:
+            # Once it is split, what lies behind the end may be another leaf.
+            met_slots[met] = slots[hit_leaf]
+            met += 1
         for k in range(cells):
             column, row = columns[k], rows[k]
             if column >> level == corner_column and row >> level == corner_row:
                 continue
-            leaf = find_leaf(tree, table, coarsest, column, row)
-            level = coarsest if leaf < 0 else np.int64(tree.level[leaf])
+            leaf, level = find_leaf(first_child, table, coarsest, column, row)
             corner_column, corner_row = column >> level, row >> level
-            if leaf >= 0 and leaf != hit_leaf and tree.slot[leaf] >= fresh:
-                active.unknowns[tree.slot[leaf]] += beams.weight[beam]
+            if leaf >= 0 and leaf != hit_leaf and slots[leaf] >= fresh:
+                slot = np.int64(slots[leaf])
+                unknowns[slot] += weight
+                if level > finest:
+                    met_slots[met] = slot
+                    met += 1
+        trail.last[beam] = trail.used[0] = met
+    return beams.end_x.size
+
+
+@njit(cache=True, nogil=True)
+def mark_again(active, trail):
+    """Keep for the next round the beams that met a leaf which was split since."""
+    trail.used[0] = 0
+    for beam in range(trail.again.size):
+        if not trail.again[beam]:
+            continue
+        trail.again[beam] = 0
+        for k in range(trail.first[beam], trail.last[beam]):
+            if active.node[trail.slots[k]] < 0:
+                trail.again[beam] = 1
+                break
 
 
 @njit(cache=True, nogil=True, inline='always')
