@@ -11,10 +11,10 @@ import numpy.typing as npt
 from ogm_mcmc.arrays import AnyArray, Float32Array, Float64Array, UInt8Array
 from ogm_mcmc.errors import GridError
 from ogm_mcmc.geometry import CellBox
-from ogm_mcmc.mapping.quadtree_kernels import FREED, NONE, ROWS
+from ogm_mcmc.mapping.quadtree_kernels import FREED, NONE, ROWS, plant
 from ogm_mcmc.mapping.quadtree_view_kernels import fill_log_odds
 
-__all__ = ['ActiveLeaves', 'Quadtree', 'QuadtreeArrays', 'Trail', 'TreeStatistics']
+__all__ = ['ActiveLeaves', 'Leaves', 'Quadtree', 'QuadtreeArrays', 'Trail', 'TreeStatistics']
 
 Int32Array = npt.NDArray[np.int32]
 Int64Array = npt.NDArray[np.int64]
@@ -55,6 +55,17 @@ class ActiveLeaves(NamedTuple):
     unknowns: Float64Array
     evidence: Float64Array
     stamp: Int64Array
+
+
+class Leaves(NamedTuple):
+    """All leaves of a tree: level, lower left cell on the lattice, and what each holds."""
+
+    level: UInt8Array
+    column: Int64Array
+    row: Int64Array
+    log_odds: Float32Array
+    hits: Float32Array
+    misses: Float32Array
 
 
 class Trail(NamedTuple):
@@ -278,6 +289,62 @@ class Quadtree:
             )
             out[bottom:top, left:right] = inside
         return out
+
+    def leaves(self) -> Leaves:
+        """List the leaves, level by level from the coarsest."""
+        rows, columns = np.nonzero(self.table >= 0)
+        nodes = self.table[rows, columns].astype(np.int64)
+        columns, rows = columns + self.tile_column0, rows + self.tile_row0
+        found: list[tuple[Int64Array, Int64Array, Int64Array]] = []
+        for level in range(self.coarsest, -1, -1):
+            first = self.tree.first_child[nodes].astype(np.int64)
+            leaf = first < 0
+            found.append((nodes[leaf], columns[leaf] << level, rows[leaf] << level))
+            child = np.arange(4)
+            nodes = (first[~leaf, None] + child).ravel()
+            columns = (2 * columns[~leaf, None] + child % 2).ravel()
+            rows = (2 * rows[~leaf, None] + child // 2).ravel()
+        nodes, columns, rows = (np.concatenate(parts) for parts in zip(*found, strict=True))
+        tree = self.tree
+        return Leaves(
+            tree.level[nodes],
+            columns,
+            rows,
+            tree.log_odds[nodes],
+            tree.hits[nodes],
+            tree.misses[nodes],
+        )
+
+    def plant(self, leaves: Leaves) -> None:
+        """Make the tree that has exactly these leaves.
+
+        Raises GridError, with nothing in the tree, when they are no leaves of one tree.
+        """
+        self.clear()
+        if leaves.level.size == 0:
+            return
+        side = np.int64(1) << leaves.level.astype(np.int64)
+        if leaves.level.max() > self.coarsest:
+            raise GridError(f'leaf of level {leaves.level.max()}: expected up to {self.coarsest}')
+        if (leaves.column % side).any() or (leaves.row % side).any():
+            raise GridError('leaf beside the lattice of its level')
+        left, bottom = int(leaves.column.min()), int(leaves.row.min())
+        right, top = int((leaves.column + side).max()), int((leaves.row + side).max())
+        self.cover(CellBox(left, bottom, right, top))
+        placed = leaves._replace(column=leaves.column - self.column0, row=leaves.row - self.row0)
+        done = -1
+        planted = 0
+        while planted < leaves.level.size:
+            if planted == done:
+                self.clear()
+                raise GridError('leaves overlap')
+            done = planted
+            self.make_room(rows=64 + leaves.level.size // 2, slots=0)
+            planted = plant(self.tree, self.counters, self.table, self.coarsest, placed, planted)
+        area = int((side * side).sum())
+        if area != int((self.table >= 0).sum()) << 2 * self.coarsest:
+            self.clear()
+            raise GridError('leaves leave gaps in their tiles')
 
     def statistics(self) -> TreeStatistics:
         """Count leaves and bytes."""

@@ -257,11 +257,31 @@ def deviation(most, other, unknown, noise, unknowns):
 
 
 @njit(cache=True, nogil=True)
+def give_children(tree, counters, node):
+    """Make a leaf a parent of four leaves that inherit its log-odds; return the first of them.
+
+    Their counts start at nothing, because which child the old ones belong to is not known.
+    """
+    level = np.int64(tree.level[node])
+    first = counters[FREE]
+    if first >= 0:
+        counters[FREE] = tree.first_child[first]
+    else:
+        first = counters[ROWS]
+        counters[ROWS] += 4
+    for child in range(first, first + 4):
+        clear_row(tree, child, node, level - 1, tree.log_odds[node])
+    tree.first_child[node] = first
+    tree.slot[node] = NONE
+    tree.hits[node] = tree.misses[node] = 0.0
+    return first
+
+
+@njit(cache=True, nogil=True)
 def split_leaves(tree, counters, active, finest, fresh, critical, noise, unknowns):
     """Split the active leaves from slot `fresh` on whose counts fit neither kind of leaf.
 
-    Children inherit the log-odds from before this scan; their counts start at nothing, because
-    which child the old ones belong to is not known. Needs room for four rows per leaf.
+    Children inherit the log-odds from before this scan. Needs room for four rows per leaf.
     Returns how many were split; their slots are vacant then (node -1).
     """
     split = 0
@@ -277,17 +297,7 @@ def split_leaves(tree, counters, active, finest, fresh, critical, noise, unknown
         occupied = deviation(hits, misses, unknown, noise, unknowns)
         if min(free, occupied) < critical:
             continue
-        first = counters[FREE]
-        if first >= 0:
-            counters[FREE] = tree.first_child[first]
-        else:
-            first = counters[ROWS]
-            counters[ROWS] += 4
-        for child in range(first, first + 4):
-            clear_row(tree, child, node, level - 1, tree.log_odds[node])
-        tree.first_child[node] = first
-        tree.slot[node] = NONE
-        tree.hits[node] = tree.misses[node] = 0.0
+        give_children(tree, counters, node)
         active.node[slot] = NONE
         split += 1
     return split
@@ -391,3 +401,41 @@ def merge_leaves(tree, counters, active, below, above, spread, margin, critical,
             extent[3] = max(extent[3], row + (np.int64(1) << level))
             parent = tree.parent[parent]
     return merged
+
+
+@njit(cache=True, nogil=True)
+def plant(tree, counters, table, coarsest, leaves, start):
+    """Put leaves where they belong in a tree, from `start` on; return how far that went.
+
+    leaves  `Leaves`, cells relative to the tree's; stops at one that overlaps another, and where
+            fewer than 50 rows are left
+    """
+    for k in range(start, leaves.level.size):
+        if tree.level.size - counters[ROWS] < 50:
+            return k
+        column, row, level = leaves.column[k], leaves.row[k], np.int64(leaves.level[k])
+        node = np.int64(table[row >> coarsest, column >> coarsest])
+        if node < 0:
+            node = counters[ROWS]
+            counters[ROWS] += 1
+            clear_row(tree, node, NONE, coarsest, math.nan)
+            tree.slot[node] = k  # taken by this leaf and its siblings to be
+            table[row >> coarsest, column >> coarsest] = node
+        here = coarsest
+        while here > level:
+            first = np.int64(tree.first_child[node])
+            if first < 0:
+                if tree.slot[node] == NONE:
+                    return k
+                first = np.int64(give_children(tree, counters, node))
+                for child in range(first, first + 4):
+                    tree.slot[child] = k
+            here -= 1
+            node = first + 2 * ((row >> here) & 1) + ((column >> here) & 1)
+        if tree.first_child[node] >= 0 or tree.slot[node] == NONE:
+            return k
+        tree.slot[node] = NONE
+        tree.log_odds[node] = leaves.log_odds[k]
+        tree.hits[node] = leaves.hits[k]
+        tree.misses[node] = leaves.misses[k]
+    return leaves.level.size
