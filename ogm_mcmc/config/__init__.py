@@ -8,6 +8,7 @@ from ogm_mcmc.config.mapping import (
     PlacingConfig,
     StepModelConfig,
 )
+from ogm_mcmc.config.random_field import RandomFieldConfig
 from ogm_mcmc.config.settings import (
     Setting,
     add_arguments,
@@ -26,6 +27,7 @@ __all__ = [
     'MountConfig',
     'OutputConfig',
     'PlacingConfig',
+    'RandomFieldConfig',
     'Setting',
     'StepModelConfig',
     'add_arguments',

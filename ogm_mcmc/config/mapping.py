@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 from ogm_mcmc.config.adaptive import AdaptiveConfig
+from ogm_mcmc.config.random_field import RandomFieldConfig
 from ogm_mcmc.config.settings import check_bounds, setting
 from ogm_mcmc.errors import require
 
@@ -35,7 +36,7 @@ class MapperConfig:
     """How scans become a grid; the same for the node, `map`, `bench` and plain Python."""
 
     method: str = setting(
-        'two_assumption', 'mapping method', choices=('two_assumption', 'adaptive')
+        'two_assumption', 'mapping method', choices=('two_assumption', 'adaptive', 'random_field')
     )
     fusion: str = setting(
         'per_scan',
@@ -69,6 +70,7 @@ class MapperConfig:
     )
     step: StepModelConfig = StepModelConfig()
     adaptive: AdaptiveConfig = AdaptiveConfig()  # noqa: RUF009 - frozen
+    random_field: RandomFieldConfig = RandomFieldConfig()  # noqa: RUF009 - frozen
 
     def __post_init__(self) -> None:
         """Refuse what is out of bounds or contradicts itself."""

@@ -29,6 +29,7 @@ at the same point, are what to try next. `error_model='numpy'` changes nothing.
 from ogm_mcmc.mapping.adaptive import AdaptiveMapper
 from ogm_mcmc.mapping.log_odds_grid import LogOddsGrid
 from ogm_mcmc.mapping.method import METHODS, MappingMethod, make_method
+from ogm_mcmc.mapping.random_field import RandomFieldMapper
 from ogm_mcmc.mapping.two_assumption import TwoAssumptionMapper
 
 __all__ = [
@@ -36,6 +37,7 @@ __all__ = [
     'AdaptiveMapper',
     'LogOddsGrid',
     'MappingMethod',
+    'RandomFieldMapper',
     'TwoAssumptionMapper',
     'make_method',
 ]

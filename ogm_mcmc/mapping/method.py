@@ -9,6 +9,7 @@ from ogm_mcmc.arrays import Float32Array
 from ogm_mcmc.config import MapperConfig
 from ogm_mcmc.geometry import CellBox, GridSpec, PoseBelief, Scan
 from ogm_mcmc.mapping.adaptive import AdaptiveMapper
+from ogm_mcmc.mapping.random_field import RandomFieldMapper
 from ogm_mcmc.mapping.two_assumption import TwoAssumptionMapper
 
 __all__ = ['METHODS', 'MappingMethod', 'make_method']
@@ -49,6 +50,7 @@ class MappingMethod(Protocol):
 METHODS: dict[str, Callable[[MapperConfig], MappingMethod]] = {
     'two_assumption': TwoAssumptionMapper,
     'adaptive': AdaptiveMapper,
+    'random_field': RandomFieldMapper,
 }
 
 

@@ -98,6 +98,11 @@ def test_defaults_are_what_users_were_told():
         'adaptive.merge_margin': 0.1,
         'adaptive.samples': 30,
         'adaptive.seed': 0,
+        'random_field.length_scale': 1.0,
+        'random_field.variance': 0.1,
+        'random_field.mean': 0.0,
+        'random_field.drop': 1e-4,
+        'random_field.max_variance': 0.9,
     }
     assert flatten(OutputConfig()) == {
         'output': 'probability',

@@ -1,0 +1,119 @@
+"""The log-odds map as a Gaussian random field: predicts cells nobody has measured ([field])."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ogm_mcmc.arrays import Float32Array, Float64Array
+from ogm_mcmc.config import MapperConfig
+from ogm_mcmc.geometry import CellBox, GridSpec, PoseBelief, Scan, cast_rays
+from ogm_mcmc.mapping.gaussian_field import GaussianField
+from ogm_mcmc.mapping.two_assumption import TwoAssumptionMapper
+
+__all__ = ['RandomFieldMapper']
+
+# More boxes than this are joined into one; going through unchanged cells costs little.
+MAX_STALE_BOXES = 16
+
+
+class RandomFieldMapper:
+    """Observations are the log-odds of the two-assumption map; the field is what is shown.
+
+    Scans go into the two-assumption map at once, and into the field when the map is next read:
+    what counts is the last value of each cell, however many scans it took.
+    """
+
+    def __init__(self, config: MapperConfig) -> None:
+        self.config = config
+        self.settings = config.random_field
+        self.observed = TwoAssumptionMapper(config)
+        self._start()
+
+    def _start(self) -> None:
+        spec = self.observed.spec
+        self.field = GaussianField(spec.height, spec.width, self.settings)
+        self._field_spec = spec
+        self._stale: list[CellBox] = []
+
+    @property
+    def spec(self) -> GridSpec:
+        """Where the cells lie."""
+        return self.observed.spec
+
+    def update(self, scan: Scan, belief: PoseBelief) -> CellBox:
+        """Add one scan; see `MappingMethod.update`. The box is wider than what was measured."""
+        rays = cast_rays(
+            scan,
+            belief.mean,
+            self.spec,
+            max_range_m=self.config.max_range,
+            no_return_clears=self.config.no_return == 'clear',
+        )
+        if rays.n_rays == 0:
+            return CellBox(0, 0, 0, 0)
+        radius, seen = self.field.radius, rays.box
+        reached = CellBox(
+            seen.column0 - radius, seen.row0 - radius, seen.column1 + radius, seen.row1 + radius
+        )
+        # The map always ends further out than any observation reaches.
+        self.observed.grid.cover(reached)
+        self.observed.update(scan, belief)
+        self._mark(seen)
+        return reached
+
+    def _mark(self, box: CellBox) -> None:
+        if self._stale and self._stale[-1].union(box).n_cells <= 2 * box.n_cells:
+            self._stale[-1] = self._stale[-1].union(box)
+        elif len(self._stale) < MAX_STALE_BOXES:
+            self._stale.append(box)
+        else:
+            for other in self._stale:
+                box = box.union(other)
+            self._stale = [box]
+
+    def _refresh(self) -> GaussianField:
+        """Bring the field up to date with the observations."""
+        spec, before = self.observed.spec, self._field_spec
+        if spec != before:
+            if spec.box.covers(before.box):
+                self.field.grow(
+                    spec.height, spec.width, before.row0 - spec.row0, before.column0 - spec.column0
+                )
+            else:
+                # The first scan puts the map where it belongs; nothing is known so far.
+                self.field = GaussianField(spec.height, spec.width, self.settings)
+            self._field_spec = spec
+        stale, self._stale = self._stale, []
+        for box in stale:
+            self.field.observe(self.observed.grid.log_odds, *spec.slices(box))
+        return self.field
+
+    def log_odds(self, box: CellBox) -> Float64Array:
+        """Predicted log-odds in nats for each cell of a box, measured or not."""
+        return self._refresh().mean[self.spec.slices(box)].copy()
+
+    def variance(self, box: CellBox) -> Float64Array:
+        """Variance of the log-odds, where 1 is that of a cell far from anything measured."""
+        return self._refresh().variance(*self.spec.slices(box))
+
+    def probabilities(self, box: CellBox) -> Float32Array:
+        """Probability of being occupied; nan where neither measured nor predicted."""
+        log_odds, variance = self.log_odds(box), self.variance(box)
+        with np.errstate(over='ignore'):
+            probability = (1.0 / (1.0 + np.exp(-log_odds))).astype(np.float32)
+        measured = ~np.isnan(self.observed.log_odds(box))
+        probability[~measured & ~(variance <= self.settings.max_variance)] = np.nan
+        # With `max_variance` 1 every cell would pass for predicted.
+        probability[variance >= 1.0] = np.nan
+        return probability
+
+    def reset(self) -> None:
+        """Forget every scan, and give the memory back."""
+        self.observed.reset()
+        self._start()
+
+    def forget_cells(self) -> None:
+        """Forget every scan, but keep the extent and its memory."""
+        self.observed.forget_cells()
+        self.field.forget()
+        self._stale = []
