@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from ogm_mcmc.arrays import AnyArray, Float32Array, Float64Array
 from ogm_mcmc.config import RandomFieldConfig
-from ogm_mcmc.errors import GridError
+from ogm_mcmc.errors import GridError, require
 from ogm_mcmc.mapping.gaussian_field_kernels import take_in
 
 __all__ = [
@@ -18,6 +18,7 @@ __all__ = [
     'GaussianField',
     'Prediction',
     'covariance',
+    'dropped_mass',
     'solve_field',
     'stencil_radius',
 ]
@@ -62,6 +63,18 @@ def stencil_radius(config: RandomFieldConfig) -> int:
     return math.floor(math.sqrt(-2.0 * config.length_scale * math.log(config.drop)))
 
 
+def dropped_mass(config: RandomFieldConfig) -> float:
+    """Sum of the covariances that one cell has with all cells outside of its stencil.
+
+    Without them K may have eigenvalues that are lower by up to this.
+    """
+    farthest = math.ceil(20.0 * math.sqrt(config.length_scale)) + 1
+    line = covariance(np.arange(-farthest, farthest + 1) ** 2, config.length_scale)
+    radius = stencil_radius(config)
+    kept = float(line[farthest - radius : farthest + radius + 1].sum())
+    return float(line.sum()) ** 2 - kept**2
+
+
 def solve_field(observed: AnyArray, config: RandomFieldConfig) -> Prediction:
     """Solve the whole field at once, nothing dropped; for small fields ([field] Eq. 21).
 
@@ -86,14 +99,24 @@ class GaussianField:
     """The field, one observation at a time, with covariances kept within `radius` cells.
 
     With a radius of at least the longer side less 1 nothing is dropped, and mean and variance are
-    those of `solve_field`, in whatever order observations come.
+    those of `solve_field`, in whatever order observations come. Without a radius that of the
+    config is taken; raises ConfigError when so much is dropped that K may be no covariance.
     """
 
     def __init__(
         self, height: int, width: int, config: RandomFieldConfig, radius: int | None = None
     ) -> None:
         self.config = config
-        self.radius = stencil_radius(config) if radius is None else radius
+        if radius is None:
+            radius = stencil_radius(config)
+            require(
+                dropped_mass(config) < config.variance,
+                'random_field.drop',
+                config.drop,
+                f'leaves out covariances of {dropped_mass(config):.2g} in all, which must be less '
+                f'than random_field.variance ({config.variance:g}): expected a smaller one',
+            )
+        self.radius = radius
         up = np.arange(self.radius + 1)[:, None]
         right = np.arange(-self.radius, self.radius + 1)
         self._start = covariance(up**2 + right**2, config.length_scale)
@@ -180,7 +203,7 @@ class GaussianField:
         variance = np.ones(row_of.shape)
         reached = row_of >= 0
         variance[reached] = self.arrays.rows[row_of[reached], 0, self.radius]
-        return variance
+        return np.maximum(variance, 0.0)
 
     @property
     def n_bytes(self) -> int:

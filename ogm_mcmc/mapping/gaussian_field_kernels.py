@@ -48,7 +48,8 @@ def observe(field, radius, variance, row, column, value, around):
     height, width = field.row_of.shape
     row_of, rows, mean, used = field.row_of, field.rows, field.mean, field.used
     gather(field, radius, row, column, around)
-    gain = 1.0 / (variance + around[radius, radius])
+    # Below 0 only where too much is dropped; then the gain still has the right sign.
+    gain = 1.0 / (variance + max(0.0, around[radius, radius]))
     surprise = gain * (value - mean[row, column])
     for dr in range(max(-radius, -row), min(radius, height - 1 - row) + 1):
         for dc in range(max(-radius, -column), min(radius, width - 1 - column) + 1):

@@ -20,20 +20,25 @@ class RandomFieldMapper:
     """Observations are the log-odds of the two-assumption map; the field is what is shown.
 
     Scans go into the two-assumption map at once, and into the field when the map is next read:
-    what counts is the last value of each cell, however many scans it took.
+    what counts is the last value of each cell, however many scans it took. With `radius` the
+    covariances of cells up to so many apart are kept, instead of those that `drop` leaves.
     """
 
-    def __init__(self, config: MapperConfig) -> None:
+    def __init__(self, config: MapperConfig, *, radius: int | None = None) -> None:
         self.config = config
+        self.radius = radius
         self.settings = config.random_field
         self.observed = TwoAssumptionMapper(config)
         self._start()
 
     def _start(self) -> None:
         spec = self.observed.spec
-        self.field = GaussianField(spec.height, spec.width, self.settings)
+        self.field = self._new_field(spec)
         self._field_spec = spec
         self._stale: list[CellBox] = []
+
+    def _new_field(self, spec: GridSpec) -> GaussianField:
+        return GaussianField(spec.height, spec.width, self.settings, self.radius)
 
     @property
     def spec(self) -> GridSpec:
@@ -81,7 +86,7 @@ class RandomFieldMapper:
                 )
             else:
                 # The first scan puts the map where it belongs; nothing is known so far.
-                self.field = GaussianField(spec.height, spec.width, self.settings)
+                self.field = self._new_field(spec)
             self._field_spec = spec
         stale, self._stale = self._stale, []
         for box in stale:
