@@ -1,5 +1,6 @@
 """Settings: what may be set (`mapping`), and how a setting is declared and read (`settings`)."""
 
+from ogm_mcmc.config.evaluation import EvaluationConfig
 from ogm_mcmc.config.mapping import (
     LIVE_MAPPING,
     CountingConfig,
@@ -27,6 +28,7 @@ from ogm_mcmc.config.settings import (
 __all__ = [
     'LIVE_MAPPING',
     'CountingConfig',
+    'EvaluationConfig',
     'GaussianModelConfig',
     'MapperConfig',
     'MountConfig',
