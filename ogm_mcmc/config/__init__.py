@@ -1,11 +1,17 @@
 """Settings: what may be set (`mapping`), and how a setting is declared and read (`settings`)."""
 
 from ogm_mcmc.config.adaptive import AdaptiveConfig
+from ogm_mcmc.config.evaluation import EvaluationConfig
 from ogm_mcmc.config.mapping import (
+    LIVE_MAPPING,
+    CountingConfig,
+    GaussianModelConfig,
     MapperConfig,
     MountConfig,
     OutputConfig,
     PlacingConfig,
+    PoseUncertainConfig,
+    SonarModelConfig,
     StepModelConfig,
 )
 from ogm_mcmc.config.random_field import RandomFieldConfig
@@ -22,13 +28,19 @@ from ogm_mcmc.config.settings import (
 )
 
 __all__ = [
+    'LIVE_MAPPING',
+    'CountingConfig',
+    'EvaluationConfig',
+    'GaussianModelConfig',
     'AdaptiveConfig',
     'MapperConfig',
     'MountConfig',
     'OutputConfig',
     'PlacingConfig',
+    'PoseUncertainConfig',
     'RandomFieldConfig',
     'Setting',
+    'SonarModelConfig',
     'StepModelConfig',
     'add_arguments',
     'build',

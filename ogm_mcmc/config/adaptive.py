@@ -57,7 +57,3 @@ class AdaptiveConfig:
     merge_margin: float = setting(
         0.1, 'how near to 0 or 1 the mean of siblings counts as certain', low=0.0, high=0.5
     )
-    samples: int = setting(
-        30, 'poses drawn from a covariance; particles are used as they are', low=1, high=10000
-    )
-    seed: int = setting(0, 'of the draws from covariances', low=0, high=2**31 - 1)

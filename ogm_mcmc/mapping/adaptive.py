@@ -4,25 +4,16 @@ from __future__ import annotations
 
 import math
 from statistics import NormalDist
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from ogm_mcmc.arrays import Float32Array, Float64Array, UInt8Array
-from ogm_mcmc.config import MapperConfig
+from ogm_mcmc.arrays import Float32Array, Float64Array, Int64Array, UInt8Array
+from ogm_mcmc.config import LIVE_MAPPING, MapperConfig
 from ogm_mcmc.errors import require
-from ogm_mcmc.geometry import (
-    CellBox,
-    GridSpec,
-    Pose2D,
-    PoseBelief,
-    PoseSamples,
-    Rays,
-    Scan,
-    cast_rays,
-)
-from ogm_mcmc.mapping.belief_samples import belief_samples
+from ogm_mcmc.geometry import CellBox, GridSpec, PoseBelief, PoseSamples, Scan
+from ogm_mcmc.geometry.pose_sampling import samples_of
+from ogm_mcmc.geometry.rays import SampledRays, cast_sampled_rays, usable_range
 from ogm_mcmc.mapping.quadtree import Quadtree, Trail, TreeStatistics
 from ogm_mcmc.mapping.quadtree_kernels import (
     ACTIVE,
@@ -35,8 +26,6 @@ from ogm_mcmc.mapping.quadtree_kernels import (
 )
 
 __all__ = ['AdaptiveMapper', 'PlacedBeams', 'chi_square_limit']
-
-Int64Array = npt.NDArray[np.int64]
 
 # A beam is followed behind its end up to just inside the window, so that rounding stays there.
 INSIDE = 1e-6
@@ -78,6 +67,44 @@ def chi_square_limit(significance: float, degrees: int) -> float:
     return NormalDist().inv_cdf(0.5 * significance) ** 2
 
 
+def _placed(rays: SampledRays, samples: PoseSamples, tree: Quadtree, reach: float) -> PlacedBeams:
+    """All beams of all samples, relative to the tree.
+
+    Behind its end a beam is followed to `reach` cells from the sensor, or to where it leaves the
+    tiles that any beam of this scan crossed: no leaf further away is touched.
+    """
+    n, m = rays.n_rays, samples.weights.size
+    column, row = (np.repeat(rays.cells[:, k] - (tree.column0, tree.row0)[k], n) for k in (0, 1))
+    x, y = np.repeat(rays.places[:, 0], n), np.repeat(rays.places[:, 1], n)
+    end_x, end_y = rays.ends[:, 0, :n].ravel(), rays.ends[:, 1, :n].ravel()
+    tiles = tree.tiles_around(rays.box)
+    dx, dy = end_x - x, end_y - y
+    with np.errstate(divide='ignore', invalid='ignore'):
+        share = reach / np.hypot(dx, dy)
+        for start, step, low, high in (
+            (x, dx, tiles.column0 - tree.column0 - column, tiles.column1 - tree.column0 - column),
+            (y, dy, tiles.row0 - tree.row0 - row, tiles.row1 - tree.row0 - row),
+        ):
+            edge = np.where(step > 0.0, high - INSIDE, low + INSIDE)
+            share = np.where(step != 0.0, np.minimum(share, (edge - start) / step), share)
+    # Not below 1 by rounding, and finite for a beam without length.
+    share = np.where(share > 1.0, np.minimum(share, 1e18), 1.0)
+    share[(dx == 0.0) & (dy == 0.0)] = 1.0
+    return PlacedBeams(
+        column,
+        row,
+        x,
+        y,
+        end_x,
+        end_y,
+        x + share * dx,
+        y + share * dy,
+        np.tile(rays.hit[:n], m),
+        np.repeat(np.arange(m), n),
+        np.repeat(samples.weights, n),
+    )
+
+
 class AdaptiveMapper:
     """A quadtree whose leaves split where counts contradict each other, and merge where not.
 
@@ -87,8 +114,9 @@ class AdaptiveMapper:
     `coarsest_level` 0 make a regular grid, the same map as `two_assumption`.
     """
 
+    live_settings: ClassVar[frozenset[str]] = LIVE_MAPPING
+
     def __init__(self, config: MapperConfig) -> None:
-        self.config = config
         self.settings = config.adaptive
         for name in ('finest_level', 'output_level'):
             level = getattr(self.settings, name)
@@ -100,15 +128,20 @@ class AdaptiveMapper:
             )
         self.tree = Quadtree(self.settings.coarsest_level, config.max_cells)
         self._lattice = GridSpec(config.resolution, 1, 1)
-        self._rng = np.random.default_rng(self.settings.seed)
+        self._rng = np.random.default_rng(config.pose_uncertain.seed)
+        significance = self.settings.significance
+        self._split_above = chi_square_limit(significance, 2 if self.settings.unknowns else 1)
+        self._merge_below = chi_square_limit(significance, 1)
+        self.configure(config)
+
+    def configure(self, config: MapperConfig) -> None:
+        """Take over settings; those that are not in `live_settings` must be the same."""
+        self.config = config
         # The values of the other methods, in float32 as they have them.
         self._l_free = float(np.float32(config.step.l_free))
         self._l_occ = float(np.float32(config.step.l_occ))
         self._prior = np.float32(math.log(config.prior) - math.log1p(-config.prior))
         self._limit = np.float32(config.log_odds_limit)
-        significance = self.settings.significance
-        self._split_above = chi_square_limit(significance, 2 if self.settings.unknowns else 1)
-        self._merge_below = chi_square_limit(significance, 1)
 
     @property
     def spec(self) -> GridSpec:
@@ -124,90 +157,33 @@ class AdaptiveMapper:
 
     def update(self, scan: Scan, belief: PoseBelief) -> CellBox:
         """Add one scan; see `MappingMethod.update`."""
-        samples = belief_samples(belief, self.settings.samples, self._rng)
-        casts = [self._cast(scan, pose) for pose in samples.poses]
-        seen = CellBox(0, 0, 0, 0)
-        for rays in casts:
-            if rays.n_rays:
-                seen = seen.union(rays.box)
-        if seen.empty:
-            return seen
-        self.tree.cover(seen)
-        beams = self._place(casts, samples, seen, scan)
-        self._count_and_split(beams)
-        return self._apply_and_merge()
-
-    def _cast(self, scan: Scan, pose: Float64Array) -> Rays:
-        return cast_rays(
+        samples = self._samples(scan, belief)
+        rays = cast_sampled_rays(
             scan,
-            Pose2D(*pose.tolist()),
+            samples.poses,
             self._lattice,
             max_range_m=self.config.max_range,
             no_return_clears=self.config.no_return == 'clear',
         )
+        if rays.n_rays == 0:
+            return CellBox(0, 0, 0, 0)
+        self.tree.cover(rays.box)
+        reach_m = usable_range(scan, self._lattice, self.config.max_range)
+        self._count_and_split(_placed(rays, samples, self.tree, reach_m / self.config.resolution))
+        return self._apply_and_merge()
 
-    def _place(
-        self, casts: list[Rays], samples: PoseSamples, seen: CellBox, scan: Scan
-    ) -> PlacedBeams:
-        """All beams of all samples, relative to the tree."""
-        counts = [rays.n_rays for rays in casts]
-
-        def per_beam(values: list[float]) -> Float64Array:
-            return np.repeat(np.array(values, np.float64), counts)
-
-        column = np.repeat(np.array([r.column - self.tree.column0 for r in casts]), counts)
-        row = np.repeat(np.array([r.row - self.tree.row0 for r in casts]), counts)
-        x, y = per_beam([r.x for r in casts]), per_beam([r.y for r in casts])
-        end_x, end_y = np.concatenate([r.ends[:, : r.n_rays] for r in casts], axis=1)
-        reach = scan.range_max_m
-        if self.config.max_range > 0.0:
-            reach = min(reach, self.config.max_range)
-        last_x, last_y = self._behind(
-            column, row, x, y, end_x, end_y, reach / self.config.resolution, seen
+    def _samples(self, scan: Scan, belief: PoseBelief) -> PoseSamples:
+        """Return what `pose_uncertain` would take; draws go on where the last ones ended."""
+        chosen = self.config.pose_uncertain
+        finite = scan.ranges_m[np.isfinite(scan.ranges_m)]
+        return samples_of(
+            belief,
+            self._rng,
+            count=chosen.samples,
+            quasi=chosen.draw == 'quasi',
+            accuracy_m=chosen.accuracy,
+            lever_m=float(finite.max(initial=0.0)),
         )
-        return PlacedBeams(
-            column,
-            row,
-            x,
-            y,
-            np.ascontiguousarray(end_x),
-            np.ascontiguousarray(end_y),
-            last_x,
-            last_y,
-            np.concatenate([r.hit[: r.n_rays] for r in casts]),
-            np.repeat(np.arange(len(casts)), counts),
-            np.repeat(samples.weights, counts),
-        )
-
-    def _behind(
-        self,
-        column: Int64Array,
-        row: Int64Array,
-        x: Float64Array,
-        y: Float64Array,
-        end_x: Float64Array,
-        end_y: Float64Array,
-        reach: float,
-        seen: CellBox,
-    ) -> tuple[Float64Array, Float64Array]:
-        """Where beams would have ended at `reach`, or where they leave the tiles that were seen.
-
-        Leaves further away are touched by no beam of this scan.
-        """
-        dx, dy = end_x - x, end_y - y
-        length = np.hypot(dx, dy)
-        coarsest, tree = self.tree.coarsest, self.tree
-        left = ((seen.column0 >> coarsest) << coarsest) - tree.column0 - column
-        bottom = ((seen.row0 >> coarsest) << coarsest) - tree.row0 - row
-        right = (((seen.column1 - 1) >> coarsest) + 1 << coarsest) - tree.column0 - column
-        top = (((seen.row1 - 1) >> coarsest) + 1 << coarsest) - tree.row0 - row
-        with np.errstate(divide='ignore', invalid='ignore'):
-            share = np.where(length > 0.0, reach / length, 1.0)
-            for start, step, low, high in ((x, dx, left, right), (y, dy, bottom, top)):
-                edge = np.where(step > 0.0, high - INSIDE - start, low + INSIDE - start)
-                share = np.minimum(share, np.where(step != 0.0, edge / step, np.inf))
-        share = np.maximum(share, 1.0)
-        return x + share * dx, y + share * dy
 
     def _count_and_split(self, beams: PlacedBeams) -> None:
         """Count, split, and count again along the beams that met a leaf which was split."""
@@ -327,9 +303,9 @@ class AdaptiveMapper:
     def reset(self) -> None:
         """Forget every scan, and give the memory back."""
         self.tree.clear()
-        self._rng = np.random.default_rng(self.settings.seed)
+        self._rng = np.random.default_rng(self.config.pose_uncertain.seed)
 
     def forget_cells(self) -> None:
         """Forget every scan, but keep the extent and its memory."""
         self.tree.forget_cells()
-        self._rng = np.random.default_rng(self.settings.seed)
+        self._rng = np.random.default_rng(self.config.pose_uncertain.seed)

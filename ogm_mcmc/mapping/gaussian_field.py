@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ogm_mcmc.arrays import AnyArray, Float32Array, Float64Array
+from ogm_mcmc.arrays import AnyArray, Float32Array, Float64Array, Int64Array
 from ogm_mcmc.config import RandomFieldConfig
 from ogm_mcmc.errors import GridError, require
 from ogm_mcmc.mapping.gaussian_field_kernels import take_in
@@ -24,7 +24,6 @@ __all__ = [
 ]
 
 Int32Array = npt.NDArray[np.int32]
-Int64Array = npt.NDArray[np.int64]
 
 MAX_ROWS = 2**31 - 1
 

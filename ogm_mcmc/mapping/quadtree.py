@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ogm_mcmc.arrays import AnyArray, Float32Array, Float64Array, UInt8Array
+from ogm_mcmc.arrays import AnyArray, Float32Array, Float64Array, Int64Array, UInt8Array
 from ogm_mcmc.errors import GridError
 from ogm_mcmc.geometry import CellBox
 from ogm_mcmc.mapping.quadtree_kernels import FREED, NONE, ROWS, plant
@@ -17,7 +17,6 @@ from ogm_mcmc.mapping.quadtree_view_kernels import fill_log_odds
 __all__ = ['ActiveLeaves', 'Leaves', 'Quadtree', 'QuadtreeArrays', 'Trail', 'TreeStatistics']
 
 Int32Array = npt.NDArray[np.int32]
-Int64Array = npt.NDArray[np.int64]
 
 # As for dense grids: the fixed-point traversal keeps 23 bits for whole columns.
 MAX_SIDE = 2**22
@@ -187,6 +186,16 @@ class Quadtree:
         side = 1 << self.coarsest
         left, bottom = self.column0, self.row0
         return CellBox(left, bottom, left + columns * side, bottom + rows * side)
+
+    def tiles_around(self, box: CellBox) -> CellBox:
+        """Return the cells of all tiles that a lattice box touches."""
+        side = 1 << self.coarsest
+        return CellBox(
+            box.column0 // side * side,
+            box.row0 // side * side,
+            -(-box.column1 // side) * side,
+            -(-box.row1 // side) * side,
+        )
 
     def cover(self, box: CellBox) -> None:
         """Grow until every cell of a lattice box lies inside, with an eighth to spare.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 
 from ogm_mcmc.arrays import Float32Array, Float64Array
@@ -24,12 +26,19 @@ class RandomFieldMapper:
     covariances of cells up to so many apart are kept, instead of those that `drop` leaves.
     """
 
+    live_settings: ClassVar[frozenset[str]] = TwoAssumptionMapper.live_settings
+
     def __init__(self, config: MapperConfig, *, radius: int | None = None) -> None:
         self.config = config
         self.radius = radius
         self.settings = config.random_field
         self.observed = TwoAssumptionMapper(config)
         self._start()
+
+    def configure(self, config: MapperConfig) -> None:
+        """Take over settings; those that are not in `live_settings` must be the same."""
+        self.config = config
+        self.observed.configure(config)
 
     def _start(self) -> None:
         spec = self.observed.spec

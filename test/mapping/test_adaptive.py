@@ -8,7 +8,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from ogm_mcmc.config import AdaptiveConfig, MapperConfig, StepModelConfig
+from ogm_mcmc.config import AdaptiveConfig, MapperConfig, PoseUncertainConfig, StepModelConfig
 from ogm_mcmc.errors import ConfigError, GridError
 from ogm_mcmc.geometry import CellBox, Pose2D, PoseBelief, PoseSamples
 from ogm_mcmc.mapping import AdaptiveMapper, TwoAssumptionMapper
@@ -401,7 +401,8 @@ def test_counts_and_log_odds_are_weighted_by_the_samples():
 def test_draws_from_a_covariance_are_repeatable_and_spread():
     belief = PoseBelief(Pose2D(0.5, 0.5), np.diag([0.0, 0.5, 0.0]))  # singular
     first, second, other = (
-        AdaptiveMapper(MapperConfig(adaptive=AdaptiveConfig(seed=seed))) for seed in (1, 1, 2)
+        AdaptiveMapper(MapperConfig(pose_uncertain=PoseUncertainConfig(samples=30, seed=seed)))
+        for seed in (1, 1, 2)
     )
     for method in (first, second, other):
         method.update(fan(3.0), belief)
