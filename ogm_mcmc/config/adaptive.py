@@ -41,6 +41,13 @@ class AdaptiveConfig:
     noise: float = setting(
         0.02, 'share of beams expected to contradict a leaf without a border', low=1e-4, high=0.3
     )
+    count_limit: float = setting(
+        1000.0,
+        'hits and misses of a leaf shrink together to this many beams, so that it still splits '
+        'when something new stands in it',
+        low=1.0,
+        high=1e9,
+    )
     merge_free: float = setting(
         0.05, 'siblings all below this probability merge; 0: never', low=0.0, high=0.5
     )

@@ -23,7 +23,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, Protocol
 
-from ogm_mcmc.experiments import counting, patch_sim_traditional
+from ogm_mcmc.experiments import adaptive, counting, patch_sim_traditional, random_field
 from ogm_mcmc.experiments.datasets import run_all
 from ogm_mcmc.experiments.results import make_page, row
 
@@ -39,6 +39,8 @@ class Run(Protocol):
 
 
 EXPERIMENTS: dict[str, Run] = {
+    'adaptive': adaptive.run,
     'counting': counting.run,
     'patch-sim-traditional': patch_sim_traditional.run,
+    'random-field': random_field.run,
 }

@@ -263,7 +263,15 @@ class AdaptiveMapper:
     def _apply_and_merge(self) -> CellBox:
         tree, settings = self.tree, self.settings
         extent = np.array([2**60, 2**60, -(2**60), -(2**60)])
-        apply_evidence(tree.tree, tree.counters, tree.active, self._prior, self._limit, extent)
+        apply_evidence(
+            tree.tree,
+            tree.counters,
+            tree.active,
+            self._prior,
+            self._limit,
+            settings.count_limit,
+            extent,
+        )
         merge_leaves(
             tree.tree,
             tree.counters,

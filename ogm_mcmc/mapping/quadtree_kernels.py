@@ -246,13 +246,15 @@ def deviation(most, other, unknown, noise, unknowns):
 
     Of n beams a share 1 - noise should agree with the leaf; the rest is spread evenly over the
     other kinds, of which there are two if unknowns count ([pose] section VI-A).
+    Deviation: only contradictions beyond the expected ones count. To the test as it stands, no
+    contradiction among 300 beams would be as suspicious as too many.
     """
     n = most + other + (unknown if unknowns else 0.0)
     right = n * (1.0 - noise)
     wrong = n * noise / (2.0 if unknowns else 1.0)
-    chi_square = (most - right) ** 2 / right + (other - wrong) ** 2 / wrong
+    chi_square = max(0.0, right - most) ** 2 / right + max(0.0, other - wrong) ** 2 / wrong
     if unknowns:
-        chi_square += (unknown - wrong) ** 2 / wrong
+        chi_square += max(0.0, unknown - wrong) ** 2 / wrong
     return chi_square
 
 
@@ -304,10 +306,11 @@ def split_leaves(tree, counters, active, finest, fresh, critical, noise, unknown
 
 
 @njit(cache=True, nogil=True)
-def apply_evidence(tree, counters, active, prior, limit, extent):
+def apply_evidence(tree, counters, active, prior, limit, count_limit, extent):
     """Give every active leaf its log-odds and counts; widen `extent` to what changed.
 
     l <- l + sum over samples of weight * l(m | z) - l(m) ([pose] Eq. 3 and 9)
+    count_limit  hits and misses shrink together to this many beams
     extent  (4,) int64: first column, first row, one past the last column and row
     """
     for slot in range(counters[ACTIVE]):
@@ -318,8 +321,11 @@ def apply_evidence(tree, counters, active, prior, limit, extent):
         before = prior if old != old else old
         change = np.float32(active.evidence[slot])
         tree.log_odds[node] = min(max(before + change, -limit), limit)
-        tree.hits[node] += np.float32(active.hits[slot])
-        tree.misses[node] += np.float32(active.misses[slot])
+        hits = np.float64(tree.hits[node]) + active.hits[slot]
+        misses = np.float64(tree.misses[node]) + active.misses[slot]
+        share = min(1.0, count_limit / (hits + misses)) if hits + misses > 0.0 else 1.0
+        tree.hits[node] = np.float32(share * hits)
+        tree.misses[node] = np.float32(share * misses)
         tree.slot[node] = NONE
         side = np.int64(1) << np.int64(tree.level[node])
         extent[0] = min(extent[0], active.column[slot])

@@ -99,6 +99,10 @@ class NaiveAdaptive:
             content.log_odds = min(max(before + said.evidence, -limit), limit)
             content.hits += said.hits
             content.misses += said.misses
+            total = content.hits + content.misses
+            if total > self.settings.count_limit:
+                content.hits *= self.settings.count_limit / total
+                content.misses *= self.settings.count_limit / total
         self._merge({self._parent(leaf) for leaf in seen})
 
     def _sight(self, beam: Beam, scan: Scan, pose: Pose2D) -> _Sight:
@@ -171,8 +175,12 @@ class NaiveAdaptive:
         for right in (0, 1):
             expected = [self.settings.noise / others * sum(counts)] * len(counts)
             expected[right] = (1.0 - self.settings.noise) * sum(counts)
-            pairs = zip(counts, expected, strict=True)
-            if sum((o - e) ** 2 / e for o, e in pairs) < CRITICAL[others]:
+            against = 0.0
+            for kind, (seen, usual) in enumerate(zip(counts, expected, strict=True)):
+                # Fewer contradictions than usual are none.
+                if (seen < usual) == (kind == right):
+                    against += (seen - usual) ** 2 / usual
+            if against < CRITICAL[others]:
                 return False
         return True
 

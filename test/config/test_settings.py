@@ -108,6 +108,7 @@ def test_defaults_are_what_users_were_told():
         'adaptive.way_to_hit': True,
         'adaptive.significance': 0.05,
         'adaptive.noise': 0.02,
+        'adaptive.count_limit': 1000.0,
         'adaptive.merge_free': 0.05,
         'adaptive.merge_occupied': 0.95,
         'adaptive.merge_spread': 0.02,

@@ -115,6 +115,14 @@ def test_an_open_area_stays_one_leaf():
     )
 
 
+def test_perfect_agreement_is_no_contradiction():
+    """A plain chi-square test refuses 0 hits of 1000 beams where 2 % are expected."""
+    method = mapper(merge_free=0.05)
+    for _ in range(100):
+        method.update(fan(*[12.0] * 10), at())
+    assert leaves_of(method)[3, 0, 0] == (-75.0, 0.0, 1000.0)
+
+
 def test_a_wall_is_found_level_by_level():
     """Ten beams end in cell (5, 0): seven eighths of the tile's side are seen to be free.
 
@@ -182,6 +190,17 @@ def test_unknowns_are_forgotten_and_hits_and_misses_kept():
         method.update(fan(4.0, 12.0), at())
         assert leaves_of(method)[3, 0, 0][1:] == (count, count * 1.5)
     assert not any(method.tree.tree.slot >= 0)
+
+
+def test_what_is_new_in_a_leaf_is_noticed_after_any_time():
+    """Counts shrink to 100 beams, so 9 hits are 8 %; against 5000 they would be noise."""
+    for limit, kept in ((100.0, False), (1e6, True)):
+        method = mapper(count_limit=limit)
+        for _ in range(500):
+            method.update(fan(*[12.0] * 10), at())
+        assert leaves_of(method)[3, 0, 0][1:] == (0.0, approx(min(limit, 5000.0)))
+        method.update(fan(*[6.0] * 9), at())
+        assert ((3, 0, 0) in leaves_of(method)) is kept
 
 
 def test_finest_level_is_kept():
@@ -253,15 +272,15 @@ def test_siblings_that_the_next_scan_would_split_do_not_merge(hits, misses, merg
 
 def test_merging_undoes_splitting():
     """A thing that came and went, three times: one leaf again, and no new rows for it."""
-    method = mapper(merge_free=0.05, limit=6.0)
+    method = mapper(merge_free=0.05, limit=6.0, count_limit=100.0)
     rows = []
     for _ in range(9):
-        for _ in range(200):
+        for _ in range(400):
             method.update(fan(12.0, 12.0, increment=0.15), at())
         assert leaves_of(method)[3, 0, 0][0] == approx(-6.0)
         rows.append(int(method.tree.counters[ROWS]))
         for _ in range(3):
-            method.update(fan(6.0, 6.0, 6.0), at())
+            method.update(fan(*[6.0] * 5), at())
         assert (1, 3, 0) in leaves_of(method)
     assert rows[4:] == rows[4:5] * 5, 'rows of merged leaves are not used again'
 
@@ -293,7 +312,7 @@ def test_forced_full_depth_is_the_regular_grid(tree, fusion, placed, prior):
     if fusion == 'per_scan':
         assert found == expected  # bit for bit
     else:
-        assert found == approx(expected, abs=1e-5)
+        assert found == approx(expected, abs=1e-4)
 
 
 @given(
@@ -302,14 +321,16 @@ def test_forced_full_depth_is_the_regular_grid(tree, fusion, placed, prior):
     unknowns=st.booleans(),
     way_to_hit=st.booleans(),
     merging=st.booleans(),
+    count_limit=st.sampled_from([3.0, 1000.0]),
 )
 @settings(REPEATABLE, max_examples=60)
-def test_equals_the_naive_twin(placed, fusion, unknowns, way_to_hit, merging):
+def test_equals_the_naive_twin(placed, fusion, unknowns, way_to_hit, merging, count_limit):
     """Two poses a scan, of unequal weight; the same leaves, log-odds and counts."""
     tree = AdaptiveConfig(
         coarsest_level=3,
         unknowns=unknowns,
         way_to_hit=way_to_hit,
+        count_limit=count_limit,
         **({'merge_spread': 0.05, 'merge_margin': 0.25} if merging else NO_MERGING),
     )
     config = MapperConfig(resolution=0.25, fusion=fusion, step=STEP, adaptive=tree)
