@@ -7,6 +7,8 @@ what                      where                                source
 ========================  ===================================  =============================
 live map, known pose      `ogm_mcmc.mapping.two_assumption`    [gibbs] section II, [slides]
 live map, uncertain pose  `ogm_mcmc.mapping.pose_uncertain`    [pose] section V
+adaptive resolution       `ogm_mcmc.mapping.adaptive`          [pose] section VI
+predicted cells           `ogm_mcmc.mapping.random_field`      [field]
 reflection probabilities  `ogm_mcmc.mapping.counting`          [slides]
 maps from sonars          `ogm_mcmc.mapping.sonar`             [slides]
 inverse sensor models     `ogm_mcmc.sensors.inverse_model`     [pose] Eq. 4, [slides]

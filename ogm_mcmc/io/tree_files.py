@@ -17,7 +17,7 @@ from ogm_mcmc.config import MapperConfig, build, flatten
 from ogm_mcmc.errors import ConfigError, GridError, MapFileError
 from ogm_mcmc.io.map_files import replacing
 from ogm_mcmc.mapping.adaptive import AdaptiveMapper
-from ogm_mcmc.mapping.quadtree import Leaves
+from ogm_mcmc.mapping.quadtree_arrays import Leaves
 
 __all__ = ['load_tree', 'save_tree']
 

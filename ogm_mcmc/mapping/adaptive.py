@@ -4,28 +4,27 @@ from __future__ import annotations
 
 import math
 from statistics import NormalDist
-from typing import ClassVar, NamedTuple
+from typing import ClassVar
 
 import numpy as np
 
-from ogm_mcmc.arrays import Float32Array, Float64Array, Int64Array, UInt8Array
+from ogm_mcmc.arrays import Float32Array
 from ogm_mcmc.config import LIVE_MAPPING, MapperConfig
 from ogm_mcmc.errors import require
 from ogm_mcmc.geometry import CellBox, GridSpec, PoseBelief, PoseSamples, Scan
 from ogm_mcmc.geometry.pose_sampling import samples_of
 from ogm_mcmc.geometry.rays import SampledRays, cast_sampled_rays, usable_range
-from ogm_mcmc.mapping.quadtree import Quadtree, Trail, TreeStatistics
+from ogm_mcmc.mapping.quadtree import Quadtree, TreeStatistics
+from ogm_mcmc.mapping.quadtree_arrays import PlacedBeams, Trail
+from ogm_mcmc.mapping.quadtree_counting_kernels import count_seen, count_unknowns, mark_again
 from ogm_mcmc.mapping.quadtree_kernels import (
     ACTIVE,
     apply_evidence,
-    count_seen,
-    count_unknowns,
-    mark_again,
     merge_leaves,
     split_leaves,
 )
 
-__all__ = ['AdaptiveMapper', 'PlacedBeams', 'chi_square_limit']
+__all__ = ['AdaptiveMapper', 'chi_square_limit']
 
 # A beam is followed behind its end up to just inside the window, so that rounding stays there.
 INSIDE = 1e-6
@@ -33,27 +32,6 @@ INSIDE = 1e-6
 # More than the cells by which a walk may exceed the sides of the box around it.
 SPARE = 8
 TRAIL_SIZE = 4096
-
-
-class PlacedBeams(NamedTuple):
-    """The beams of a scan from every pose sample, in cells relative to each sensor's own cell.
-
-    `column`, `row`: that cell, relative to the tree's; `x`, `y`: the sensor in it; `end_x`,
-    `end_y`: where the reading ends; `last_x`, `last_y`: how far behind it cells are unknown;
-    `hit`: whether something was hit; `sample`, `weight`: of the pose.
-    """
-
-    column: Int64Array
-    row: Int64Array
-    x: Float64Array
-    y: Float64Array
-    end_x: Float64Array
-    end_y: Float64Array
-    last_x: Float64Array
-    last_y: Float64Array
-    hit: UInt8Array
-    sample: Int64Array
-    weight: Float64Array
 
 
 def chi_square_limit(significance: float, degrees: int) -> float:

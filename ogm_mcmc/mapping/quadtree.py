@@ -6,95 +6,25 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from ogm_mcmc.arrays import AnyArray, Float32Array, Float64Array, Int64Array, UInt8Array
+from ogm_mcmc.arrays import AnyArray, Float32Array, Int64Array
 from ogm_mcmc.errors import GridError
 from ogm_mcmc.geometry import CellBox
+from ogm_mcmc.mapping.quadtree_arrays import (
+    Int32Array,
+    Leaves,
+    active_arrays,
+    tree_arrays,
+)
 from ogm_mcmc.mapping.quadtree_kernels import FREED, NONE, ROWS, plant
 from ogm_mcmc.mapping.quadtree_view_kernels import fill_log_odds
 
-__all__ = ['ActiveLeaves', 'Leaves', 'Quadtree', 'QuadtreeArrays', 'Trail', 'TreeStatistics']
+__all__ = ['Quadtree', 'TreeStatistics']
 
-Int32Array = npt.NDArray[np.int32]
 
 # As for dense grids: the fixed-point traversal keeps 23 bits for whole columns.
 MAX_SIDE = 2**22
 MAX_ROWS = 2**31 - 1
-
-
-class QuadtreeArrays(NamedTuple):
-    """A node is a row; the four children of a node are neighbours, lower left first, row by row.
-
-    `first_child` -1: a leaf; `parent` -1: a root, -2: not in use; `level`: side 2**level cells;
-    `log_odds` nats, nan where never measured; `hits`, `misses`: beams, weighted by pose samples,
-    since the leaf was made; `slot`: place among the active leaves while a scan is added, or -1.
-    """
-
-    first_child: Int32Array
-    parent: Int32Array
-    slot: Int32Array
-    level: UInt8Array
-    log_odds: Float32Array
-    hits: Float32Array
-    misses: Float32Array
-
-
-class ActiveLeaves(NamedTuple):
-    """Leaves that one scan touches: row in the tree, lower left cell, and this scan's counts.
-
-    `evidence`: nats, weighted by pose samples; `stamp`: which sample came last, see the kernel.
-    """
-
-    node: Int32Array
-    column: Int64Array
-    row: Int64Array
-    hits: Float64Array
-    misses: Float64Array
-    unknowns: Float64Array
-    evidence: Float64Array
-    stamp: Int64Array
-
-
-class Leaves(NamedTuple):
-    """All leaves of a tree: level, lower left cell on the lattice, and what each holds."""
-
-    level: UInt8Array
-    column: Int64Array
-    row: Int64Array
-    log_odds: Float32Array
-    hits: Float32Array
-    misses: Float32Array
-
-
-class Trail(NamedTuple):
-    """Which active leaves each beam met that may still split, so that few beams are walked twice.
-
-    Beam n met `slots[first[n]:last[n]]`; `used` (1,): slots taken in all; `again`: whether the
-    beam is to be walked in this round.
-    """
-
-    slots: Int32Array
-    first: Int64Array
-    last: Int64Array
-    again: UInt8Array
-    used: Int64Array
-
-    @classmethod
-    def of(cls, walked: UInt8Array, size: int) -> Trail:
-        """Return one for beams of which those marked are walked in the first round."""
-        n = walked.size
-        slots, ends = np.zeros(size, np.int32), np.zeros((2, n), np.int64)
-        return cls(slots, ends[0], ends[1], walked.copy(), np.zeros(1, np.int64))
-
-    def roomier(self, room: int) -> Trail:
-        """Return this one with space for `room` more slots."""
-        needed = int(self.used[0]) + room
-        if needed <= self.slots.size:
-            return self
-        slots = np.zeros(2 * needed, np.int32)
-        slots[: self.slots.size] = self.slots
-        return self._replace(slots=slots)
 
 
 class TreeStatistics(NamedTuple):
@@ -112,31 +42,6 @@ class TreeStatistics(NamedTuple):
     allocated_bytes: int
     regular_cells: int
     regular_bytes: int
-
-
-def _tree_arrays(n: int) -> QuadtreeArrays:
-    return QuadtreeArrays(
-        first_child=np.full(n, NONE, np.int32),
-        parent=np.full(n, NONE, np.int32),
-        slot=np.full(n, NONE, np.int32),
-        level=np.zeros(n, np.uint8),
-        log_odds=np.zeros(n, np.float32),
-        hits=np.zeros(n, np.float32),
-        misses=np.zeros(n, np.float32),
-    )
-
-
-def _active_arrays(n: int) -> ActiveLeaves:
-    return ActiveLeaves(
-        node=np.zeros(n, np.int32),
-        column=np.zeros(n, np.int64),
-        row=np.zeros(n, np.int64),
-        hits=np.zeros(n),
-        misses=np.zeros(n),
-        unknowns=np.zeros(n),
-        evidence=np.zeros(n),
-        stamp=np.zeros(n, np.int64),
-    )
 
 
 def _copy_rows(new: Sequence[AnyArray], old: Sequence[AnyArray], count: int) -> None:
@@ -157,8 +62,8 @@ class Quadtree:
 
     def clear(self) -> None:
         """Forget everything, and give the memory back."""
-        self.tree = _tree_arrays(64)
-        self.active = _active_arrays(64)
+        self.tree = tree_arrays(64)
+        self.active = active_arrays(64)
         self.counters: Int64Array = np.array([0, NONE, 0])
         self.table: Int32Array = np.full((1, 1), NONE, np.int32)
         self.tile_column0 = self.tile_row0 = 0
@@ -264,12 +169,12 @@ class Quadtree:
             raise GridError(f'the quadtree would exceed {MAX_ROWS} nodes')
         if used + rows > self.tree.level.size:
             size = min(max(used + rows, used + used // 2), MAX_ROWS)
-            grown = _tree_arrays(size)
+            grown = tree_arrays(size)
             _copy_rows(grown, self.tree, used)
             self.tree = grown
         taken = self.active.node.size
         if taken < slots:
-            bigger = _active_arrays(max(slots, 2 * taken))
+            bigger = active_arrays(max(slots, 2 * taken))
             _copy_rows(bigger, self.active, taken)
             self.active = bigger
 
