@@ -183,7 +183,7 @@ class AdaptiveMapper:
                 settings.finest_level,
                 fresh,
                 self._split_above,
-                settings.noise,
+                float(settings.noise),
                 settings.unknowns,
             )
             if split == 0:
@@ -247,19 +247,19 @@ class AdaptiveMapper:
             tree.active,
             self._prior,
             self._limit,
-            settings.count_limit,
+            float(settings.count_limit),
             extent,
         )
         merge_leaves(
             tree.tree,
             tree.counters,
             tree.active,
-            settings.merge_free,
-            settings.merge_occupied,
-            settings.merge_spread,
-            settings.merge_margin,
+            float(settings.merge_free),
+            float(settings.merge_occupied),
+            float(settings.merge_spread),
+            float(settings.merge_margin),
             self._merge_below,
-            settings.noise,
+            float(settings.noise),
             extent,
         )
         level = settings.output_level

@@ -152,32 +152,33 @@ class GaussianField:
             getattr(new, name)[inside] = getattr(old, name)
         self.arrays = new._replace(rows=old.rows, used=old.used)
 
-    def observe(
-        self, observed: AnyArray, rows: slice = slice(None), columns: slice = slice(None)
-    ) -> None:
+    def observe(self, observed: AnyArray, row0: int = 0, column0: int = 0) -> None:
         """Take in every observation that is new or has changed, in a part of the field.
 
-        observed  (height, width) of the whole field, nats, nan where there is none. A cell that
-        was observed once stays observed. Raises GridError when D would have 2**31 rows.
+        observed  (h, w) nats, nan where there is none, its first cell at (row0, column0). A cell
+        that was observed once stays observed. Raises GridError when the part is none of the
+        field, and when D would have 2**31 rows.
         """
-        height, width = self.arrays.mean.shape
         values = np.ascontiguousarray(observed, np.float32)
-        if values.shape != (height, width):
-            raise GridError(f'observations {values.shape}: expected {(height, width)}')
-        row, row1, _ = rows.indices(height)
-        column0, column1, _ = columns.indices(width)
-        while row < row1:
-            row = take_in(
+        height, width = self.arrays.mean.shape
+        rows, columns = values.shape
+        if min(row0, column0) < 0 or row0 + rows > height or column0 + columns > width:
+            raise GridError(
+                f'observations {values.shape} from ({row0}, {column0}): '
+                f'expected a part of {(height, width)}'
+            )
+        done = 0
+        while done < rows:
+            done = take_in(
                 self.arrays,
                 self.radius,
-                self.config.variance,
+                float(self.config.variance),
                 values,
-                row,
-                row1,
+                row0,
                 column0,
-                column1,
+                done,
             )
-            if row < row1:
+            if done < rows:
                 self._make_room()
 
     def _make_room(self) -> None:

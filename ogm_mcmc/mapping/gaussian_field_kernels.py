@@ -86,27 +86,30 @@ def revise(field, radius, variance, row, column, change, around):
 
 
 @njit(cache=True, nogil=True)
-def take_in(field, radius, variance, observed, row0, row1, column0, column1):
-    """Take in what changed in a box of observations, row by row; return where there is no room.
+def take_in(field, radius, variance, observed, row0, column0, start):
+    """Take in what changed in a box of observations; return the row of it where no room is left.
 
-    observed  (height, width) float32, nats, nan where there is no observation
-    Returns row1 when all is taken in. Call it again from the row that it returns: what was taken
-    in is known by then.
+    observed  (h, w) float32, nats, nan where there is no observation
+    row0, column0  cell of the field that `observed[0, 0]` belongs to
+    Returns h when all is taken in. Call it again with the row that it returns as `start`: what
+    was taken in is known by then.
     """
     side = 2 * radius + 1
     around = np.empty((side, side), np.float64)
     taken = field.taken
-    for row in range(row0, row1):
-        for column in range(column0, column1):
-            value, before = observed[row, column], taken[row, column]
+    for line in range(start, observed.shape[0]):
+        row = row0 + line
+        for k in range(observed.shape[1]):
+            column = column0 + k
+            value, before = observed[line, k], taken[row, column]
             if value != value or value == before:
                 continue
             if before != before:
                 if field.rows.shape[0] - field.used[0] < side * side:
-                    return row
+                    return line
                 observe(field, radius, variance, row, column, np.float64(value), around)
             else:
                 change = np.float64(value) - np.float64(before)
                 revise(field, radius, variance, row, column, change, around)
             taken[row, column] = value
-    return row1
+    return observed.shape[0]

@@ -8,8 +8,9 @@ import numpy as np
 
 from ogm_mcmc.arrays import Float32Array, Float64Array
 from ogm_mcmc.config import MapperConfig
+from ogm_mcmc.errors import GridError
 from ogm_mcmc.geometry import CellBox, GridSpec, PoseBelief, Scan, cast_rays
-from ogm_mcmc.mapping.gaussian_field import GaussianField
+from ogm_mcmc.mapping.gaussian_field import GaussianField, stencil_radius
 from ogm_mcmc.mapping.two_assumption import TwoAssumptionMapper
 
 __all__ = ['RandomFieldMapper']
@@ -47,7 +48,10 @@ class RandomFieldMapper:
         self._stale: list[CellBox] = []
 
     def _new_field(self, spec: GridSpec) -> GaussianField:
-        return GaussianField(spec.height, spec.width, self.settings, self.radius)
+        radius = stencil_radius(self.settings) if self.radius is None else self.radius
+        return GaussianField(
+            spec.height + 2 * radius, spec.width + 2 * radius, self.settings, self.radius
+        )
 
     @property
     def spec(self) -> GridSpec:
@@ -65,15 +69,15 @@ class RandomFieldMapper:
         )
         if rays.n_rays == 0:
             return CellBox(0, 0, 0, 0)
-        radius, seen = self.field.radius, rays.box
-        reached = CellBox(
-            seen.column0 - radius, seen.row0 - radius, seen.column1 + radius, seen.row1 + radius
-        )
-        # The map always ends further out than any observation reaches.
-        self.observed.grid.cover(reached)
+        seen = rays.box
+        try:
+            self.observed.grid.cover(_widened(seen, self.field.radius))
+        except GridError:
+            # What was measured may still have room, though not all that is predicted.
+            self.observed.grid.cover(seen)
         self.observed.update(scan, belief)
         self._mark(seen)
-        return reached
+        return _overlap(_widened(seen, self.field.radius), self.spec.box)
 
     def _mark(self, box: CellBox) -> None:
         if self._stale and self._stale[-1].union(box).n_cells <= 2 * box.n_cells:
@@ -90,8 +94,12 @@ class RandomFieldMapper:
         spec, before = self.observed.spec, self._field_spec
         if spec != before:
             if spec.box.covers(before.box):
+                radius = self.field.radius
                 self.field.grow(
-                    spec.height, spec.width, before.row0 - spec.row0, before.column0 - spec.column0
+                    spec.height + 2 * radius,
+                    spec.width + 2 * radius,
+                    before.row0 - spec.row0,
+                    before.column0 - spec.column0,
                 )
             else:
                 # The first scan puts the map where it belongs; nothing is known so far.
@@ -99,16 +107,25 @@ class RandomFieldMapper:
             self._field_spec = spec
         stale, self._stale = self._stale, []
         for box in stale:
-            self.field.observe(self.observed.grid.log_odds, *spec.slices(box))
+            rows, columns = self._slices(box)
+            self.field.observe(self.observed.log_odds(box), rows.start, columns.start)
         return self.field
+
+    def _slices(self, box: CellBox) -> tuple[slice, slice]:
+        """Return (rows, columns) of a box in the field, which is wider than the map.
+
+        That way every cell an observation reaches is in it.
+        """
+        radius = self.field.radius
+        return self._field_spec.windowed(_widened(self._field_spec.box, radius)).slices(box)
 
     def log_odds(self, box: CellBox) -> Float64Array:
         """Predicted log-odds in nats for each cell of a box, measured or not."""
-        return self._refresh().mean[self.spec.slices(box)].copy()
+        return self._refresh().mean[self._slices(box)].copy()
 
     def variance(self, box: CellBox) -> Float64Array:
         """Variance of the log-odds, where 1 is that of a cell far from anything measured."""
-        return self._refresh().variance(*self.spec.slices(box))
+        return self._refresh().variance(*self._slices(box))
 
     def probabilities(self, box: CellBox) -> Float32Array:
         """Probability of being occupied; nan where neither measured nor predicted."""
@@ -131,3 +148,16 @@ class RandomFieldMapper:
         self.observed.forget_cells()
         self.field.forget()
         self._stale = []
+
+
+def _widened(box: CellBox, by: int) -> CellBox:
+    return CellBox(box.column0 - by, box.row0 - by, box.column1 + by, box.row1 + by)
+
+
+def _overlap(one: CellBox, other: CellBox) -> CellBox:
+    return CellBox(
+        max(one.column0, other.column0),
+        max(one.row0, other.row0),
+        min(one.column1, other.column1),
+        min(one.row1, other.row1),
+    )

@@ -13,7 +13,16 @@ from ogm_mcmc.errors import ConfigError, GridError
 from ogm_mcmc.geometry import CellBox, Pose2D, PoseBelief, PoseSamples
 from ogm_mcmc.mapping import AdaptiveMapper, TwoAssumptionMapper
 from ogm_mcmc.mapping.adaptive import chi_square_limit
-from ogm_mcmc.mapping.quadtree_kernels import FREED, ROWS
+from ogm_mcmc.mapping.quadtree_counting_kernels import count_seen, count_unknowns, mark_again
+from ogm_mcmc.mapping.quadtree_kernels import (
+    FREED,
+    ROWS,
+    apply_evidence,
+    merge_leaves,
+    plant,
+    split_leaves,
+)
+from ogm_mcmc.mapping.quadtree_view_kernels import fill_log_odds
 from ogm_mcmc.testing.naive import measured_cells
 from ogm_mcmc.testing.naive_adaptive import NaiveAdaptive
 from ogm_mcmc.testing.strategies import REPEATABLE, fan, poses, scans
@@ -468,3 +477,18 @@ def test_a_scan_that_says_nothing_changes_nothing():
 def test_levels_out_of_order_are_refused(name):
     with pytest.raises(ConfigError, match=rf'adaptive.{name} is 5: must not be above'):
         mapper(**{name: 5, 'coarsest_level': 4})
+
+
+@pytest.mark.jit
+def test_one_specialization_of_each_kernel():
+    belief = PoseBelief(Pose2D(0.5, 0.5), np.diag([0.04, 0.04, 0.01]))
+    for fusion in FUSIONS:
+        for change in ({}, {'prior': 0.2, 'limit': 50}, {'unknowns': False, 'count_limit': 5}):
+            method = mapper(**{'fusion': fusion, 'merge_free': 0.05, **change})
+            for one in (at(), belief, at(-70, 9, 2)):
+                method.update(fan(5.0, 3.0, math.inf, increment=0.3), one)
+            method.log_odds(method.spec.box)
+            method.tree.plant(method.tree.leaves())
+    kernels = (apply_evidence, count_seen, count_unknowns, fill_log_odds, mark_again)
+    for kernel in (*kernels, merge_leaves, plant, split_leaves):
+        assert len(kernel.signatures) == 1, (kernel.__name__, kernel.signatures)

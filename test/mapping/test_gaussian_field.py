@@ -17,6 +17,7 @@ from ogm_mcmc.mapping.gaussian_field import (
     solve_field,
     stencil_radius,
 )
+from ogm_mcmc.mapping.gaussian_field_kernels import take_in
 from ogm_mcmc.testing.strategies import REPEATABLE
 
 approx = pytest.approx
@@ -52,7 +53,7 @@ def one_by_one(field, observed, order):
     columns = observed.shape[1]
     for cell in order:
         row, column = divmod(int(cell), columns)
-        field.observe(observed, slice(row, row + 1), slice(column, column + 1))
+        field.observe(observed[row : row + 1, column : column + 1], row, column)
 
 
 def is_solution(field, observed, config, tolerance=1e-9):
@@ -261,6 +262,19 @@ def test_a_forgotten_field_is_a_new_one():
     assert field.n_bytes == fresh.n_bytes
 
 
-def test_observations_of_another_size_are_refused():
-    with pytest.raises(GridError, match=r'observations \(2, 3\): expected \(3, 2\)'):
-        GaussianField(3, 2, RandomFieldConfig()).observe(np.zeros((2, 3)))
+@pytest.mark.parametrize('corner', [(0, 1), (2, 0), (-1, 0), (0, -1)])
+def test_observations_outside_of_the_field_are_refused(corner):
+    message = r'observations \(2, 2\) from .*: expected a part of \(3, 2\)'
+    with pytest.raises(GridError, match=message):
+        GaussianField(3, 2, RandomFieldConfig()).observe(np.zeros((2, 2)), *corner)
+
+
+@pytest.mark.jit
+def test_one_specialization_of_the_kernel():
+    for config in (RandomFieldConfig(), RandomFieldConfig(length_scale=2, variance=1, mean=1)):
+        field = GaussianField(5, 4, config)
+        field.observe(np.zeros((5, 4)))
+        field.observe(np.zeros((8, 8), np.int8)[::2, ::4], 1, 1)
+        field.grow(10, 10, 2, 3)
+        field.observe(np.ones((2, 2), np.float32), 4, 4)
+    assert len(take_in.signatures) == 1, take_in.signatures

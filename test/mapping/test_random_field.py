@@ -112,6 +112,17 @@ def test_a_map_that_would_be_too_large_is_refused_and_unchanged():
     assert np.array_equal(method.probabilities(spec.box), before, equal_nan=True)
 
 
+def test_at_the_end_of_its_memory_the_map_shows_what_it_can():
+    """One block of 64 x 64 cells: what lies beyond is predicted, and not shown."""
+    small, large = mapper(max_cells=4096), mapper()
+    boxes = [one.update(fan(5.0), at(0.5, 0.5)) for one in (small, large)]
+    assert small.spec.box == CellBox(0, 0, 64, 64)
+    assert boxes == [CellBox(0, 0, 10, 5), CellBox(-4, -4, 10, 5)]
+    shown = small.probabilities(boxes[0])
+    assert np.array_equal(shown, large.probabilities(boxes[0]), equal_nan=True)
+    assert np.isfinite(shown[1:3]).any()
+
+
 def test_a_scan_that_says_nothing_changes_nothing():
     method = mapper()
     spec = method.spec
