@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ogm_mcmc.arrays import AnyArray, BoolArray
-from ogm_mcmc.config import AdaptiveConfig, MapperConfig, flatten
+from ogm_mcmc.config import AdaptiveConfig, MapperConfig, PoseUncertainConfig, flatten
 from ogm_mcmc.evaluation.classification import ThresholdCounts, confusion_counts
 from ogm_mcmc.experiments.results import row
 from ogm_mcmc.experiments.windows import map_in, method_in
@@ -26,7 +26,7 @@ from ogm_mcmc.placement import Placement
 from ogm_mcmc.plotting import Series, curves_png, heat_png, probability_png, require_matplotlib
 from ogm_mcmc.simulation import WORLDS, Building, Lidar, rasterised, record
 
-__all__ = ['agreement', 'hall', 'run']
+__all__ = ['agreement', 'hall', 'roc_curve', 'run']
 
 VARIANTS = {
     'with unknowns': AdaptiveConfig(),
@@ -36,6 +36,7 @@ VARIANTS = {
 }
 RESOLUTION = 0.05
 MEMORY_RESOLUTIONS = (0.1, 0.05, 0.025)
+SAMPLES = PoseUncertainConfig(samples=30)
 POSE_SIGMA_M, YAW_SIGMA_RAD = 0.05, math.radians(1.0)
 
 
@@ -125,6 +126,18 @@ def agreement(adaptive: AnyArray, regular: AnyArray, truth: AnyArray) -> Agreeme
     )
 
 
+def roc_curve(name: str, counts: ThresholdCounts, points: int = 1000) -> Series:
+    """Return the curve with points at even distances along it, and not along the thresholds.
+
+    Most cells are free for sure, so most thresholds share one place of the picture.
+    """
+    x = np.concatenate(([0.0], counts.false_positive_rate(), [1.0]))
+    y = np.concatenate(([0.0], counts.recall(), [1.0]))
+    way = np.concatenate(([0.0], np.cumsum(np.diff(x) + np.diff(y))))
+    at = np.linspace(0.0, way[-1], points)
+    return Series(name, np.interp(at, way, x), np.interp(at, way, y))
+
+
 def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
     """Map an office and a hall, with known and with uncertain poses."""
     require_matplotlib()
@@ -151,7 +164,9 @@ def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
         'rows': rows,
         'pictures': pictures,
         'settings': {
-            **flatten(MapperConfig(method='adaptive', resolution=RESOLUTION)),
+            **flatten(
+                MapperConfig(method='adaptive', resolution=RESOLUTION, pose_uncertain=SAMPLES)
+            ),
             'scan_every': every,
             'pose_sigma_m': POSE_SIGMA_M,
             'yaw_sigma_rad': YAW_SIGMA_RAD,
@@ -173,7 +188,7 @@ def _replicate(
     case: str, world: World, placements: Sequence[Placement], folder: Path
 ) -> tuple[list[dict[str, Any]], dict[str, str]]:
     """All variants of the adaptive map against the regular one, in one case."""
-    base = MapperConfig(resolution=RESOLUTION)
+    base = MapperConfig(resolution=RESOLUTION, pose_uncertain=SAMPLES)
     regular, regular_ms = mapped(replace(base, method='pose_uncertain'), placements)
     truth_map = rasterised(world.building, RESOLUTION)
     box = regular.spec.box.union(truth_map.spec.box)
@@ -188,7 +203,7 @@ def _replicate(
         method, ms = mapped(config, placements)
         assert isinstance(method, AdaptiveMapper)
         result = agreement(method_in(method, box), expected, truth)
-        curves.append(Series(name, result.counts.false_positive_rate(), result.counts.recall()))
+        curves.append(roc_curve(name, result.counts))
         remark = (
             f'at 0.5: {result.true_positive:.3f} true, {result.false_positive:.4f} false '
             f'positives; painted {result.painted:.3f}, of these wrong {result.painted_wrong:.3f}; '

@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from ogm_mcmc.experiments.adaptive import agreement, run
+from ogm_mcmc.evaluation.classification import confusion_counts
+from ogm_mcmc.experiments.adaptive import agreement, roc_curve, run
 from ogm_mcmc.experiments.windows import map_in
 from ogm_mcmc.geometry import CellBox, GridMap, GridSpec
 
@@ -24,6 +25,16 @@ def test_agreement_by_hand():
     assert found.painted_wrong == 0.5
     # Thresholds 0.9, 0.7, 0.5, 0.3, 0.1: (0, 1/2), (1/3, 1/2), (2/3, 1/2), (2/3, 1), (1, 1).
     assert found.counts.roc_area() == pytest.approx(2 / 3 * 0.5 + 1 / 3)
+
+
+def test_a_drawn_curve_keeps_its_area():
+    rng = np.random.default_rng(3)
+    truth = rng.random(5000) < 0.1
+    counts = confusion_counts(np.where(truth, rng.beta(5, 2, 5000), rng.beta(1, 9, 5000)), truth)
+    _, x, y, _ = roc_curve('', counts)
+    assert (x[0], y[0], x[-1], y[-1]) == (0.0, 0.0, 1.0, 1.0)
+    area = np.sum(np.diff(x) * 0.5 * (y[1:] + y[:-1]))
+    assert area == pytest.approx(counts.roc_area(), abs=1e-3)
 
 
 def test_windows():
