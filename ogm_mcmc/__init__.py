@@ -13,6 +13,8 @@ reflection probabilities  `ogm_mcmc.mapping.counting`          [slides]
 maps from sonars          `ogm_mcmc.mapping.sonar`             [slides]
 inverse sensor models     `ogm_mcmc.sensors.inverse_model`     [pose] Eq. 4, [slides]
 exact ray traversal       `ogm_mcmc.geometry`                  none, see its design note
+learned patch priors      `ogm_mcmc.sampling.patch_prior`      [patch] section III
+joint patch prior         `ogm_mcmc.sampling.patch_field`      none, see its docstring
 divergence, scores, ...   `ogm_mcmc.evaluation`                [gibbs] and [patch] section IV
 published results         `ogm_mcmc.experiments`               the papers
 pages, curves, pictures   `ogm_mcmc.plotting`                  extra `plots`

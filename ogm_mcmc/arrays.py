@@ -11,6 +11,7 @@ __all__ = [
     'Float32Array',
     'Float64Array',
     'Int8Array',
+    'Int32Array',
     'Int64Array',
     'UInt8Array',
     'UInt32Array',
@@ -22,6 +23,7 @@ BoolArray = npt.NDArray[np.bool_]
 Float32Array = npt.NDArray[np.float32]
 Float64Array = npt.NDArray[np.float64]
 Int8Array = npt.NDArray[np.int8]
+Int32Array = npt.NDArray[np.int32]
 Int64Array = npt.NDArray[np.int64]
 UInt8Array = npt.NDArray[np.uint8]
 UInt32Array = npt.NDArray[np.uint32]

@@ -13,7 +13,9 @@ __all__ = [
     'OgmError',
     'OutputError',
     'PoseError',
+    'PriorError',
     'ScanError',
+    'WindowError',
     'require',
 ]
 
@@ -48,6 +50,14 @@ class LogError(OgmError, ValueError):
 
 class MapFileError(OgmError, ValueError):
     """A map file that cannot be read."""
+
+
+class WindowError(OgmError, ValueError):
+    """A window of scans that cannot be sampled: nothing in it, or more than memory allows."""
+
+
+class PriorError(OgmError, ValueError):
+    """A patch prior that cannot be learned, read or used."""
 
 
 class OutputError(OgmError, OSError):

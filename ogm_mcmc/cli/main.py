@@ -17,6 +17,7 @@ from ogm_mcmc.cli import (
     import_carmen,
     import_stata,
     info,
+    learn_prior,
     map_bag,
     replay,
     simulate,
@@ -27,6 +28,7 @@ __all__ = ['run']
 
 COMMANDS = (
     map_bag,
+    learn_prior,
     import_carmen,
     import_stata,
     simulate,

@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 from tqdm import tqdm
@@ -16,21 +17,25 @@ from tqdm import tqdm
 from ogm_mcmc.cli.options import Subparsers, add_json, print_result
 from ogm_mcmc.config import OutputConfig
 from ogm_mcmc.errors import ConfigError, OutputError, require
-from ogm_mcmc.geometry import GridMap
+from ogm_mcmc.geometry import GridMap, Pose2D
 from ogm_mcmc.io.map_files import save_map, writable_folder
-from ogm_mcmc.io.recording_bag import write_recording
+from ogm_mcmc.io.recording_bag import write_localized, write_recording
 from ogm_mcmc.io.world_files import WORLD_NAMES, load_world, write_poses
 from ogm_mcmc.simulation import (
     Building,
     Exploration,
     Lidar,
+    LocalizedScan,
     SimulatedScan,
     rasterised,
     record,
     record_exploration,
+    record_localized,
 )
 
 __all__ = ['add_to']
+
+S = TypeVar('S', SimulatedScan, LocalizedScan)
 
 
 def add_to(subparsers: Subparsers) -> None:
@@ -64,6 +69,10 @@ def add_to(subparsers: Subparsers) -> None:
     grid.add_argument('--radius', type=float, default=0.25, help='of the robot, m')
     grid.add_argument('--min-scans', type=int, default=0, help='go on after all was covered')
     grid.add_argument('--max-scans', type=int, default=1000)
+    grid.add_argument(
+        '--localize', action='store_true', help='poses from odometry and a particle filter'
+    )
+    grid.add_argument('--particles', type=int, default=100, help='of a belief, in the bag')
     add_json(parser)
     parser.set_defaults(run=run)
 
@@ -71,6 +80,7 @@ def add_to(subparsers: Subparsers) -> None:
 def run(options: argparse.Namespace) -> int:
     """Run the command."""
     require(options.seed >= 0, 'seed', options.seed, 'expected 0 or more')
+    require(options.particles > 0, 'particles', options.particles, 'expected at least one')
     require(options.world_seed >= 0, 'world_seed', options.world_seed, 'expected 0 or more')
     truth, scans = _recording(options)
     output = options.output
@@ -84,14 +94,17 @@ def run(options: argparse.Namespace) -> int:
         if path.is_dir() or (path.exists() and not options.overwrite):
             raise OutputError(f'{path}: exists already; expected a new name (or --overwrite)')
     writable_folder(output.parent)
-    poses = []
-
-    def noted() -> Iterator[SimulatedScan]:
-        for simulated in tqdm(scans, unit=' scans', desc='simulate', disable=None):
-            poses.append((simulated.scan.stamp_ns, simulated.pose))
-            yield simulated
-
-    count = write_recording(output, noted(), overwrite=options.overwrite)
+    poses: list[tuple[int, Pose2D]] = []
+    with tqdm(scans, unit=' scans', desc='simulate', disable=None) as bar:
+        noted = _noted(bar, poses)
+        if options.localize:
+            count = write_localized(
+                output, noted, particles=options.particles, overwrite=options.overwrite
+            )
+        else:
+            count = write_recording(
+                output, ((one.scan, one.pose) for one in noted), overwrite=options.overwrite
+            )
     write_poses(beside[3], poses)
     save_map(truth, output.parent, OutputConfig(), f'{output.name}_truth')
     result = {
@@ -106,7 +119,14 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _recording(options: argparse.Namespace) -> tuple[GridMap, Iterator[SimulatedScan]]:
+def _noted(scans: Iterable[S], poses: list[tuple[int, Pose2D]]) -> Iterator[S]:
+    """Pass scans on and note their true poses."""
+    for one in scans:
+        poses.append((one.scan.stamp_ns, one.pose))
+        yield one
+
+
+def _recording(options: argparse.Namespace) -> tuple[GridMap, Iterator[Any]]:
     """Return the true map and the scans to come."""
     world = load_world(
         options.world,
@@ -127,6 +147,8 @@ def _recording(options: argparse.Namespace) -> tuple[GridMap, Iterator[Simulated
     )
     rng = np.random.default_rng(options.seed)
     if isinstance(world, Building):
+        if options.localize:
+            raise ConfigError(f'--localize: expected a world of cells, not {options.world}')
         if not options.resolution > 0.0:
             raise ConfigError(f'resolution is {options.resolution}: must be positive')
         return rasterised(world, options.resolution), record(world, lidar, rng)
@@ -136,5 +158,5 @@ def _recording(options: argparse.Namespace) -> tuple[GridMap, Iterator[Simulated
         min_stops=options.min_scans,
         max_stops=max(options.max_scans, options.min_scans),
     )
-    scans = record_exploration(world, lidar, exploration, rng, depth=options.depth)
-    return world.truth(), scans
+    make = record_localized if options.localize else record_exploration
+    return world.truth(), make(world, lidar, exploration, rng, depth=options.depth)

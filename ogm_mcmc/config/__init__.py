@@ -1,4 +1,4 @@
-"""Settings: what may be set (`mapping`), and how a setting is declared and read (`settings`)."""
+"""Settings: what may be set (`mapping`, `sampling`, `priors`), and how (`settings`)."""
 
 from ogm_mcmc.config.adaptive import AdaptiveConfig
 from ogm_mcmc.config.evaluation import EvaluationConfig
@@ -14,7 +14,17 @@ from ogm_mcmc.config.mapping import (
     SonarModelConfig,
     StepModelConfig,
 )
+from ogm_mcmc.config.priors import LearningConfig, PatchTableConfig
 from ogm_mcmc.config.random_field import RandomFieldConfig
+from ogm_mcmc.config.sampling import (
+    ChainConfig,
+    ForwardModelConfig,
+    PatchConfig,
+    RecordingConfig,
+    SamplerConfig,
+    StopConfig,
+    WindowConfig,
+)
 from ogm_mcmc.config.settings import (
     Setting,
     add_arguments,
@@ -28,6 +38,9 @@ from ogm_mcmc.config.settings import (
 )
 
 __all__ = [
+    'ChainConfig',
+    'ForwardModelConfig',
+    'LearningConfig',
     'LIVE_MAPPING',
     'CountingConfig',
     'EvaluationConfig',
@@ -36,12 +49,18 @@ __all__ = [
     'MapperConfig',
     'MountConfig',
     'OutputConfig',
+    'PatchConfig',
+    'PatchTableConfig',
     'PlacingConfig',
+    'RecordingConfig',
+    'SamplerConfig',
     'PoseUncertainConfig',
     'RandomFieldConfig',
     'Setting',
     'SonarModelConfig',
     'StepModelConfig',
+    'StopConfig',
+    'WindowConfig',
     'add_arguments',
     'build',
     'check_bounds',

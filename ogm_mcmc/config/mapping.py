@@ -99,6 +99,12 @@ class PoseUncertainConfig:
         low=0.0,
         high=100.0,
     )
+    negligible: float = setting(
+        0.001,
+        'the lightest particles that together weigh at most this are left out',
+        low=0.0,
+        high=0.5,
+    )
     draw: str = setting(
         'quasi',
         'quasi: evenly spread draws, of which fewer suffice; random: independent draws',
@@ -208,6 +214,7 @@ LIVE_MAPPING = frozenset(
         'pose_uncertain.samples',
         'pose_uncertain.accuracy',
         'pose_uncertain.draw',
+        'pose_uncertain.negligible',
         'counting.show',
         'sonar.opening_angle',
         'sonar.sigma_share',

@@ -9,7 +9,7 @@ import math
 import numpy as np
 from numba import njit
 
-from ogm_mcmc.geometry.walk_kernels import begin_walk, leaving_distance, next_lines
+from ogm_mcmc.geometry.walk_kernels import begin_walk, next_cell
 
 # No cell can take more than what is left, so later ones matter less than rounding.
 NOTHING_LEFT = 1e-15
@@ -36,10 +36,10 @@ def scan_first_hits(
         next_x, next_y, inverse_x, inverse_y, step_x, step_y = begin_walk(
             x, y, directions[0, ray], directions[1, ray]
         )
+        at_x, at_y = (next_x - x) * inverse_x, (next_y - y) * inverse_y
         column, row = math.floor(x), math.floor(y)
         entered, left = 0.0, 1.0
         while entered <= reach and left > NOTHING_LEFT:
-            at_x, at_y = leaving_distance(x, y, next_x, next_y, inverse_x, inverse_y)
             leaving = min(at_x, at_y)
             p = np.float64(prior)
             if 0 <= column < width and 0 <= row < height:
@@ -51,13 +51,9 @@ def scan_first_hits(
                 masses[count] = left * p
                 count += 1
                 left *= 1.0 - p
-            over_x, over_y = next_lines(at_x, at_y, step_x, step_y)
-            if over_x:
-                column += step_x
-                next_x += step_x
-            if over_y:
-                row += step_y
-                next_y += step_y
+            column, row, next_x, next_y, at_x, at_y = next_cell(
+                x, y, inverse_x, inverse_y, step_x, step_y, column, row, next_x, next_y, at_x, at_y
+            )
             entered = leaving
         survival[ray] = left
     starts[directions.shape[1]] = count

@@ -23,7 +23,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, Protocol
 
-from ogm_mcmc.experiments import adaptive, counting, patch_sim_traditional, random_field
+from ogm_mcmc.experiments import (
+    adaptive,
+    counting,
+    patch_sim_traditional,
+    pose_particles,
+    random_field,
+)
 from ogm_mcmc.experiments.datasets import run_all
 from ogm_mcmc.experiments.results import make_page, row
 
@@ -42,5 +48,6 @@ EXPERIMENTS: dict[str, Run] = {
     'adaptive': adaptive.run,
     'counting': counting.run,
     'patch-sim-traditional': patch_sim_traditional.run,
+    'pose-particles': pose_particles.run,
     'random-field': random_field.run,
 }

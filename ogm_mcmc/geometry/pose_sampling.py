@@ -86,15 +86,23 @@ def samples_for_accuracy(covariance: Float64Array, lever_m: float, accuracy_m: f
     return max(1, math.ceil(TWO_SIDED_95**2 * variance / accuracy_m**2))
 
 
-def merged(samples: PoseSamples) -> PoseSamples:
-    """Join equal poses, and leave out those of weight 0; a resampled cloud is full of copies."""
+def merged(samples: PoseSamples, negligible: float = 0.0) -> PoseSamples:
+    """Join equal poses; leave out the lightest that together weigh at most `negligible`.
+
+    A resampled cloud is full of copies, and one that was not for long is full of poses nobody
+    believes in any more. The rest keeps its proportions.
+    """
     poses, members = np.unique(samples.poses, axis=0, return_inverse=True)
     weights = np.zeros(poses.shape[0])
     np.add.at(weights, members.ravel(), samples.weights)
     if poses.shape[0] == 1:
         return PoseSamples(poses, np.ones(1))
-    used = weights > 0.0
-    return PoseSamples(poses[used], weights[used])
+    lightest_first = np.argsort(weights, kind='stable')
+    dropped = np.cumsum(weights[lightest_first]) <= negligible
+    used = np.ones(weights.size, np.bool_)
+    used[lightest_first[dropped]] = False
+    kept = weights[used]
+    return PoseSamples(poses[used], np.ones(1) if kept.size == 1 else kept / kept.sum())
 
 
 def samples_of(
@@ -105,13 +113,14 @@ def samples_of(
     quasi: bool,
     accuracy_m: float = 0.0,
     lever_m: float = 0.0,
+    negligible: float = 0.0,
 ) -> PoseSamples:
     """Turn a belief into samples: its particles; draws from its Gaussian; or its mean alone.
 
     `count` draws, or with an accuracy above 0 as many as that takes, up to `count`.
     """
     if belief.particles is not None:
-        return merged(belief.particles)
+        return merged(belief.particles, negligible)
     covariance = belief.covariance
     if covariance is None or not covariance.any():
         mean = belief.mean

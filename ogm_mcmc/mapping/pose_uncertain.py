@@ -45,6 +45,7 @@ class PoseUncertainMapper(TwoAssumptionMapper):
             quasi=chosen.draw == 'quasi',
             accuracy_m=chosen.accuracy,
             lever_m=lever_m,
+            negligible=chosen.negligible,
         )
 
     def reset(self) -> None:

@@ -16,8 +16,9 @@ h1 { font-size: 1.5em; } h2 { font-size: 1.15em; margin-top: 2em; }
 table { border-collapse: collapse; margin: 0.5em 0; }
 th, td { border-bottom: 1px solid #ddd; padding: 0.2em 0.9em 0.2em 0; text-align: left; }
 td { font-variant-numeric: tabular-nums; }
-.pictures { display: flex; flex-wrap: wrap; gap: 1.2em; }
-figure { margin: 0; flex: 1 1 380px; max-width: 580px; }
+.pictures { display: grid; gap: 1.2em;
+            grid-template-columns: repeat(auto-fill, minmax(min(100%, 420px), 1fr)); }
+figure { margin: 0; }
 figure img { width: 100%; height: auto; border: 1px solid #ccc; }
 figure img.cells { image-rendering: pixelated; }
 figcaption { color: #555; font-size: 0.9em; }

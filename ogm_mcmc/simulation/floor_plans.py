@@ -2,8 +2,9 @@
 
 A floor is a convex outline that is cut in two again and again, at angles that are rarely quite
 straight, until rooms are small enough; every cut is a wall of its own thickness with doors in
-it. Then come pillars and furniture, at any angle. Whatever cannot be reached from the largest
-open space is solid, as is everything outside: a robot cannot know otherwise.
+it. Some rooms are locked. Then come pillars and furniture, at any angle. Whatever cannot be
+reached from the largest open space is solid, as is everything outside: a robot cannot know
+otherwise.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from ogm_mcmc.errors import require
 from ogm_mcmc.geometry import GridSpec
 from ogm_mcmc.simulation.drawing import Canvas
 from ogm_mcmc.simulation.grid_world import GridWorld
-from ogm_mcmc.simulation.raster_kernels import walk_distances
+from ogm_mcmc.simulation.raster_kernels import keep_clear, walk_distances
 
 __all__ = ['FLOOR_PLANS', 'FloorPlan', 'generate_floor']
 
@@ -26,13 +27,19 @@ SIDE = 500
 RESOLUTION_M = 0.1
 MARGIN = 8.0
 DOOR_CLEARANCE = 5.0
+DOORWAY_AREA = 400
+ROBOT_RADIUS = 3.0
 
 
 class FloorPlan(NamedTuple):
-    """How a building is made; lengths in cells, `clutter` in pieces per 1000 free cells."""
+    """How a building is made; lengths in cells, `clutter` in pieces per 1000 free cells.
+
+    `locked` is the share of rooms that nobody gets into.
+    """
 
     room_area: float
     clutter: float
+    locked: float
     pillar_spacing: float
     walls: tuple[float, float]
     doors: tuple[float, float]
@@ -42,16 +49,16 @@ class FloorPlan(NamedTuple):
 
 # From cluttered offices to sparse halls.
 FLOOR_PLANS: tuple[FloorPlan, ...] = (
-    FloorPlan(4_000, 5.0, 0.0, (2.0, 4.0), (9.0, 12.0), 0.05, 0.0),
-    FloorPlan(5_500, 4.5, 0.0, (2.0, 5.0), (9.0, 14.0), 0.12, 90.0),
-    FloorPlan(7_000, 4.0, 0.0, (2.0, 4.0), (10.0, 14.0), 0.20, 0.0),
-    FloorPlan(9_000, 3.5, 60.0, (3.0, 6.0), (10.0, 16.0), 0.08, 130.0),
-    FloorPlan(12_000, 3.0, 0.0, (2.0, 6.0), (12.0, 18.0), 0.30, 0.0),
-    FloorPlan(16_000, 2.4, 50.0, (3.0, 6.0), (12.0, 20.0), 0.15, 160.0),
-    FloorPlan(24_000, 1.6, 55.0, (3.0, 7.0), (14.0, 24.0), 0.10, 0.0),
-    FloorPlan(40_000, 1.0, 60.0, (4.0, 8.0), (16.0, 28.0), 0.25, 120.0),
-    FloorPlan(70_000, 0.6, 70.0, (4.0, 8.0), (20.0, 36.0), 0.10, 180.0),
-    FloorPlan(130_000, 0.3, 75.0, (5.0, 9.0), (24.0, 40.0), 0.35, 60.0),
+    FloorPlan(4_000, 3.0, 0.2, 0.0, (2.0, 4.0), (9.0, 12.0), 0.05, 0.0),
+    FloorPlan(5_500, 2.6, 0.2, 0.0, (2.0, 5.0), (9.0, 14.0), 0.12, 90.0),
+    FloorPlan(7_000, 2.3, 0.2, 0.0, (2.0, 4.0), (10.0, 14.0), 0.20, 0.0),
+    FloorPlan(9_000, 2.0, 0.2, 60.0, (3.0, 6.0), (10.0, 16.0), 0.08, 130.0),
+    FloorPlan(12_000, 1.8, 0.15, 0.0, (2.0, 6.0), (12.0, 18.0), 0.30, 0.0),
+    FloorPlan(16_000, 1.5, 0.15, 50.0, (3.0, 6.0), (12.0, 20.0), 0.15, 160.0),
+    FloorPlan(24_000, 1.2, 0.15, 55.0, (3.0, 7.0), (14.0, 24.0), 0.10, 0.0),
+    FloorPlan(40_000, 0.8, 0.1, 60.0, (4.0, 8.0), (16.0, 28.0), 0.25, 120.0),
+    FloorPlan(70_000, 0.5, 0.0, 70.0, (4.0, 8.0), (20.0, 36.0), 0.10, 180.0),
+    FloorPlan(130_000, 0.3, 0.0, 75.0, (5.0, 9.0), (24.0, 40.0), 0.35, 60.0),
 )
 
 
@@ -69,6 +76,7 @@ def generate_floor(number: int, seed: int = 0) -> GridWorld:
         walls.stroke(start, end, 2.0 * thickness)
     inside = Canvas(SIDE, SIDE).polygon(outline).cells
     solid = (walls.cells & ~doorways.cells) | ~inside
+    solid = _with_locked_rooms(rooms, plan.locked, rng, solid)
     kept_clear = doorways.grown(DOOR_CLEARANCE)
     for room in rooms:
         solid |= _furnished(room, plan, rng, solid, kept_clear)
@@ -182,12 +190,39 @@ def _place(piece: Canvas, furniture: Canvas, solid: BoolArray, kept_clear: BoolA
     furniture.cells[area] |= piece.cells[area]
 
 
+def _with_locked_rooms(
+    rooms: list[Float64Array], share: float, rng: np.random.Generator, solid: BoolArray
+) -> BoolArray:
+    """Fill a share of the rooms, but none that others can only be reached through."""
+    largest = max(rooms, key=_area)
+    for room in rooms:
+        if rng.random() >= share or room is largest:
+            continue
+        inside = Canvas(SIDE, SIDE).polygon(room).cells
+        lost = _accessible(solid) & ~_accessible(solid | inside)
+        # Only what is in the room itself may be lost, give or take the way through its doors.
+        if (lost & ~inside).sum() < DOORWAY_AREA:
+            solid = solid | inside
+    return solid
+
+
+def _accessible(solid: BoolArray) -> BoolArray:
+    """Return the largest space in which a robot of a usual size can move."""
+    blocked = np.empty(solid.shape, np.uint8)
+    keep_clear(solid.astype(np.uint8), ROBOT_RADIUS, blocked)
+    return _largest_space(blocked == 0)
+
+
 def _reachable_only(solid: BoolArray) -> UInt8Array:
     """Fill every open space but the largest."""
-    open_cells = ~solid
-    distances = np.empty(solid.shape, np.int32)
-    queue = np.empty(solid.size, np.int32)
-    left, largest, kept = open_cells.copy(), 0, np.zeros_like(solid)
+    return np.asarray(~_largest_space(~solid), np.uint8)
+
+
+def _largest_space(open_cells: BoolArray) -> BoolArray:
+    """Return the largest group of cells that are connected side by side."""
+    distances = np.empty(open_cells.shape, np.int32)
+    queue = np.empty(open_cells.size, np.int32)
+    left, largest, kept = open_cells.copy(), 0, np.zeros_like(open_cells)
     while left.any() and left.sum() > largest:
         row, column = (int(index) for index in np.argwhere(left)[0])
         size = walk_distances(open_cells, column, row, distances, queue)
@@ -195,4 +230,4 @@ def _reachable_only(solid: BoolArray) -> UInt8Array:
         if size > largest:
             largest, kept = size, reached
         left &= ~reached
-    return np.asarray(~kept, np.uint8)
+    return kept

@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numba import njit
 
-from ogm_mcmc.geometry.walk_kernels import begin_walk, leaving_distance, next_lines
+from ogm_mcmc.geometry.walk_kernels import begin_walk, next_cell
 
 UNKNOWN, FREE, OCCUPIED = 0, 1, 2
 
@@ -24,26 +24,21 @@ def first_occupied(occupied, x, y, directions, reach, entered, left):
         next_x, next_y, inverse_x, inverse_y, step_x, step_y = begin_walk(
             x, y, directions[0, ray], directions[1, ray]
         )
+        at_x, at_y = (next_x - x) * inverse_x, (next_y - y) * inverse_y
         column, row = math.floor(x), math.floor(y)
         here = 0.0
         entered[ray] = math.inf
         left[ray] = math.inf
         while here <= reach and 0 <= column < width and 0 <= row < height:
             walked += 1
-            at_x, at_y = leaving_distance(x, y, next_x, next_y, inverse_x, inverse_y)
             if occupied[row, column]:
                 entered[ray] = here
                 left[ray] = min(at_x, at_y)
                 break
-            over_x, over_y = next_lines(at_x, at_y, step_x, step_y)
-            if over_x:
-                column += step_x
-                next_x += step_x
-                here = at_x
-            if over_y:
-                row += step_y
-                next_y += step_y
-                here = at_y
+            here = min(at_x, at_y)
+            column, row, next_x, next_y, at_x, at_y = next_cell(
+                x, y, inverse_x, inverse_y, step_x, step_y, column, row, next_x, next_y, at_x, at_y
+            )
     return walked
 
 
@@ -59,6 +54,7 @@ def look_around(occupied, x, y, directions, reach, known):
         next_x, next_y, inverse_x, inverse_y, step_x, step_y = begin_walk(
             x, y, directions[0, ray], directions[1, ray]
         )
+        at_x, at_y = (next_x - x) * inverse_x, (next_y - y) * inverse_y
         column, row = math.floor(x), math.floor(y)
         here = 0.0
         while here <= reach and 0 <= column < width and 0 <= row < height:
@@ -67,16 +63,10 @@ def look_around(occupied, x, y, directions, reach, known):
                 known[row, column] = OCCUPIED if occupied[row, column] else FREE
             if occupied[row, column]:
                 break
-            at_x, at_y = leaving_distance(x, y, next_x, next_y, inverse_x, inverse_y)
-            over_x, over_y = next_lines(at_x, at_y, step_x, step_y)
-            if over_x:
-                column += step_x
-                next_x += step_x
-                here = at_x
-            if over_y:
-                row += step_y
-                next_y += step_y
-                here = at_y
+            here = min(at_x, at_y)
+            column, row, next_x, next_y, at_x, at_y = next_cell(
+                x, y, inverse_x, inverse_y, step_x, step_y, column, row, next_x, next_y, at_x, at_y
+            )
     return discovered
 
 

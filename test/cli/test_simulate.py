@@ -30,6 +30,7 @@ def placed_scans(path):
         return list(PlacedScans(bag, choose_topics(bag, choice), choice))
 
 
+@pytest.mark.jit
 def test_bag_truth_and_poses_agree(tmp_path, capsys):
     code, out, err = command(
         capsys, 'simulate', 'building-10', '-o', tmp_path / 'bag', '--json', '--max-scans', 15,
@@ -54,6 +55,7 @@ def test_bag_truth_and_poses_agree(tmp_path, capsys):
         assert same.mean() > 0.9
 
 
+@pytest.mark.jit
 def test_mapped_and_evaluated(tmp_path, capsys):
     """The whole way, and what comes out is the building."""
     bag, maps = tmp_path / 'bag', tmp_path / 'maps'
@@ -71,6 +73,7 @@ def test_mapped_and_evaluated(tmp_path, capsys):
     assert figures['best']['f1'] > 0.7
 
 
+@pytest.mark.jit
 def test_noise_in_cells_and_in_metres(tmp_path, capsys):
     """Cells of this world are 0.1 m: 2 cells are 0.2 m, to the last digit."""
     for name, noise in (('a', ('--noise-cells', 2)), ('b', ('--noise', 0.2))):
@@ -97,6 +100,28 @@ def test_a_picture_as_a_world(tmp_path, capsys):
     assert np.array_equal(truth.probability == 1.0, pixels[::-1] == 0)
 
 
+@pytest.mark.jit
+def test_believed_poses(tmp_path, capsys):
+    """Particles instead of the truth in the bag; the truth beside it."""
+    code, _, err = command(
+        capsys, 'simulate', 'building-9', '-o', tmp_path / 'bag', '--localize', '--particles', 30,
+        '--max-scans', 4, '--range-max', 7.5, '--beams', 90,
+    )  # fmt: skip
+    assert code == 0, err
+    with (tmp_path / 'bag_poses.csv').open() as stream:
+        true = [(float(row['x_m']), float(row['y_m'])) for row in csv.DictReader(stream)]
+    with BagReader(tmp_path / 'bag') as bag:
+        assert {topic.name: topic.n_messages for topic in bag.topics()} == {
+            '/odom': 4, '/particles': 4, '/pose': 4, '/scan': 4,
+        }  # fmt: skip
+        choice = StreamChoice(pose_source='particles')
+        placed = list(PlacedScans(bag, choose_topics(bag, choice), choice))
+    for (_, belief), (x, y) in zip(placed, true, strict=True):
+        assert belief.particles.poses.shape == (30, 3)
+        assert np.hypot(belief.mean.x_m - x, belief.mean.y_m - y) < 0.3
+        assert belief.mean.x_m != x
+
+
 @pytest.mark.parametrize(
     ('arguments', 'reason'),
     [
@@ -110,6 +135,8 @@ def test_a_picture_as_a_world(tmp_path, capsys):
         (['building-1', '--radius', '90'], 'radius is 900'),
         (['building-1', '--depth', '2'], 'depth is 2'),
         (['building-1', '--noise', '1', '--noise-cells', '1'], 'not allowed with'),
+        (['office', '--localize'], 'expected a world of cells'),
+        (['building-1', '--particles', '0'], 'particles is 0'),
         (['building-1', '--max-scans', '0'], 'max_stops is 0'),
     ],
     ids=lambda value: ' '.join(value) if isinstance(value, list) else '',
@@ -127,6 +154,7 @@ def test_a_mistake_is_one_line_and_leaves_nothing(
     assert [path.name for path in tmp_path.iterdir()] == ['notes.png']
 
 
+@pytest.mark.jit
 def test_the_truth_of_another_recording_is_not_overwritten(tmp_path, capsys):
     few = ('--max-scans', 1, '--beams', 4)
     (tmp_path / 'bag_poses.csv').write_text('mine')

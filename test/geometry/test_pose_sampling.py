@@ -114,6 +114,19 @@ def test_particles_are_used_as_they_are_and_copies_joined():
     assert found == {(0.0, 0.0, 0.5): approx(0.6), (1.0, 0.0, 0.0): approx(0.4)}
 
 
+def test_particles_of_next_to_no_weight_are_left_out():
+    poses, weights = np.arange(15.0).reshape(5, 3), np.array([0.5, 4e-4, 0.4993, 3e-4, 0.0])
+    whole = merged(PoseSamples(poses, weights))
+    assert whole.poses[:, 0].tolist() == [0.0, 3.0, 6.0, 9.0]
+    fewer = merged(PoseSamples(poses, weights), 5e-4)
+    assert fewer.poses[:, 0].tolist() == [0.0, 3.0, 6.0]
+    assert fewer.weights == approx(np.array([0.5, 4e-4, 0.4993]) / 0.9997)
+    fewest = merged(PoseSamples(poses, weights), 7.1e-4)
+    assert fewest.poses[:, 0].tolist() == [0.0, 6.0]
+    one = merged(PoseSamples(poses[:2], np.array([1.0 - 1e-9, 1e-9])), 1e-3)
+    assert (one.poses.tolist(), one.weights.tolist()) == ([[0.0, 1.0, 2.0]], [1.0])
+
+
 def test_a_cloud_of_one_place_is_a_known_pose():
     cloud = PoseSamples.checked(np.tile([1.0, 2.0, 0.5], (30, 1)))
     samples = merged(cloud)

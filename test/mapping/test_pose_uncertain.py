@@ -285,7 +285,8 @@ def test_evidence_is_linear_in_the_weights(scan, samples):
 @pytest.mark.parametrize('model', MODELS)
 @pytest.mark.parametrize('fusion', FUSIONS)
 def test_a_map_that_grew_equals_one_that_was_large_from_the_start(fusion, model):
-    chosen = {'fusion': fusion, 'inverse_model': model, 'resolution': 0.1}
+    few = PoseUncertainConfig(samples=10)
+    chosen = {'fusion': fusion, 'inverse_model': model, 'resolution': 0.1, 'pose_uncertain': few}
     grown, large = mapper(**chosen), mapper(**chosen)
     large.grid.cover(CellBox(-1100, -1100, 1300, 1200))
     rng = np.random.default_rng(2)
@@ -300,7 +301,9 @@ def test_a_map_that_grew_equals_one_that_was_large_from_the_start(fusion, model)
 
 @pytest.mark.parametrize('model', MODELS)
 def test_nothing_is_left_in_the_scratch_memory(model):
-    method = mapper(inverse_model=model, resolution=0.1)
+    method = mapper(
+        inverse_model=model, resolution=0.1, pose_uncertain=PoseUncertainConfig(samples=10)
+    )
     for scan, pose in placed_scans():
         method.update(scan, PoseBelief(pose, np.diag([0.01, 0.02, 0.001])))
         window = method._window
@@ -347,6 +350,7 @@ def test_accuracy_chooses_the_number_of_draws_with_the_range():
     assert method.samples_of(fan(2.0, 5.0, math.inf), belief).weights.size == 31
 
 
+@pytest.mark.jit
 def test_evenly_spread_draws_are_worth_more_in_the_map_than_random_ones():
     """Mean square error of the evidence at 100 draws against 20 000: less than two thirds."""
     scan, pose, covariance = office_scan(180), Pose2D(), np.diag([0.05, 0.05, 0.02]) ** 2

@@ -56,6 +56,7 @@ def test_two_rooms_are_both_seen():
     assert len(stops) < 20
 
 
+@pytest.mark.jit
 @pytest.mark.parametrize('number', [2, 5, 10])
 def test_a_building_is_covered(number):
     world, settings = generate_floor(number), Exploration()
@@ -95,6 +96,7 @@ def test_what_cannot_be_explored():
             Exploration(**wrong)
 
 
+@pytest.mark.jit
 def test_recordings_are_seeded_and_the_noise_does_not_change_the_way():
     world = generate_floor(10)
     settings = Exploration(max_stops=12)

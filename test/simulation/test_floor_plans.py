@@ -20,7 +20,7 @@ def test_ten_of_them_in_one_piece(floors):
         assert floor.spec.resolution_m == 0.1
         _, pieces = ndimage.label(floor.occupied == 0)
         assert pieces == 1
-        assert 0.15 < floor.occupied.mean() < 0.4
+        assert 0.15 < floor.occupied.mean() < 0.5
         for border in (floor.occupied[0], floor.occupied[-1], floor.occupied.T[0]):
             assert border.all()
 
@@ -45,6 +45,18 @@ def test_walls_run_at_many_angles(floors):
         turn = np.degrees(np.arctan2(dy, dx)[strong]) % 90.0
         askew = (turn > 4.0) & (turn < 86.0)
         assert askew.mean() > 0.1
+
+
+@pytest.mark.jit
+@pytest.mark.parametrize('seed', [0, 1, 2])
+def test_a_robot_gets_nearly_everywhere(seed):
+    """With a radius of 2.5 cells; what it cannot enter it can still look into."""
+    for number in (1, 3, 6):
+        free = generate_floor(number, seed).occupied == 0
+        room = ndimage.distance_transform_edt(free) > 2.5
+        labels, _ = ndimage.label(room)
+        sizes = np.bincount(labels.ravel())[1:]
+        assert sizes.max() > 0.97 * sizes.sum()
 
 
 def test_seeds(floors):

@@ -116,6 +116,16 @@ def test_the_first_occupied_cell_is_the_first_on_the_exact_way(seed, x, y, yaw, 
     assert entry == 0.0 or min(gaps) < 1e-9
 
 
+@pytest.mark.data
+def test_recorded_scene(data_folder):
+    """18 000 exact ranges that others computed, to where a beam enters the first cell."""
+    with np.load(data_folder / 'bench' / 'scene.npz') as data:
+        grid = GridWorld.checked(GridSpec(1.0, 500, 500), data['m'])
+        poses, angles, true, limit = data['poses'], data['ang'], data['true'], float(data['F'])
+    got = np.array([grid.ranges(Pose2D(*pose), angles, limit, 0.0) for pose in poses])
+    assert np.minimum(got, limit) == pytest.approx(np.minimum(true, limit), abs=1e-9)
+
+
 def test_made_of_a_map():
     grid_map = GridMap(GridSpec(0.5, 3, 1), np.array([[0.0, 0.7, np.nan]], np.float32))
     assert GridWorld.from_map(grid_map).occupied.tolist() == [[0, 1, 1]]

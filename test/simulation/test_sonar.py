@@ -10,7 +10,7 @@ from ogm_mcmc.config import MapperConfig, MountConfig
 from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.geometry import Pose2D, PoseBelief
 from ogm_mcmc.io.map_files import load_map
-from ogm_mcmc.io.recording_bag import write_sonar_recording
+from ogm_mcmc.io.sonar_bag import write_sonar_recording
 from ogm_mcmc.pipeline import MappingPipeline, sensor_mount
 from ogm_mcmc.simulation import SonarRing, walk
 

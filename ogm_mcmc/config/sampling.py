@@ -1,0 +1,219 @@
+"""Settings of the full posterior: sensor model, window of rays, chains, when to stop."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from ogm_mcmc.config.settings import check_bounds, setting
+from ogm_mcmc.errors import require
+
+__all__ = [
+    'ChainConfig',
+    'ForwardModelConfig',
+    'PatchConfig',
+    'RecordingConfig',
+    'SamplerConfig',
+    'StopConfig',
+    'WindowConfig',
+]
+
+
+@dataclass(frozen=True)
+class ForwardModelConfig:
+    """p(range | first occupied cell); see `ogm_mcmc.sensors.forward_model`."""
+
+    kind: str = setting(
+        'beam',
+        'beam: hit, clutter, short and missing returns mixed; gaussian: N(f, sigma^2) alone',
+        choices=('beam', 'gaussian'),
+    )
+    sigma: float = setting(
+        0.05, 'standard deviation of a range, pose error included, m', low=1e-4, high=10.0
+    )
+    clutter: float = setting(
+        0.05, 'beam: share of ranges that come from anywhere', low=1e-6, high=0.5
+    )
+    missing: float = setting(
+        0.05, 'beam: share of beams that return nothing although they hit', low=1e-6, high=0.5
+    )
+    short: float = setting(
+        0.0, 'beam: share of ranges from something in front of the cell', low=0.0, high=0.5
+    )
+    short_decay: float = setting(
+        1.0, 'beam: short returns fall off by 1/e over 1/short_decay m', low=1e-3, high=100.0
+    )
+    depth: float = setting(
+        0.5,
+        'where inside a cell a beam is reflected: 0 where it enters, 0.5 half way through',
+        low=0.0,
+        high=1.0,
+    )
+
+    def __post_init__(self) -> None:
+        """Refuse what is out of bounds or leaves nothing for hits."""
+        check_bounds(self)
+        others = self.clutter + self.missing + self.short
+        require(others < 1.0, 'clutter + missing + short', others, 'must be below 1')
+
+
+@dataclass(frozen=True)
+class WindowConfig:
+    """Which rays are sampled, and how far they are followed."""
+
+    resolution: float = setting(0.05, 'side of a cell, m', low=0.001, high=10.0)
+    max_range: float = setting(
+        0.0,
+        "beams are used up to this range, m; longer ones end there; 0: the sensor's own",
+        low=0.0,
+        high=10000.0,
+    )
+    no_return: str = setting(
+        'clear',
+        'clear: +inf says that nothing is on the ray; ignore: it says nothing',
+        choices=('clear', 'ignore'),
+    )
+    beam_stride: int = setting(1, 'use every so many-th beam of a scan', low=1, high=10000)
+    cut_sigma: float = setting(
+        6.0,
+        'rays are followed to so many sigma behind their reading; 0: to the end',
+        low=0.0,
+        high=1000.0,
+    )
+    max_memory_mb: float = setting(
+        2000.0, 'the ray index may take so much memory, MB', low=1.0, high=1e6
+    )
+
+    def __post_init__(self) -> None:
+        """Refuse what is out of bounds."""
+        check_bounds(self)
+
+
+@dataclass(frozen=True)
+class ChainConfig:
+    """How the chains are started and run."""
+
+    prior: float = setting(
+        0.15, 'probability that a cell is occupied before any beam', low=1e-6, high=1.0 - 1e-6
+    )
+    chains: int = setting(2, 'chains, each in a thread of its own', low=1, high=64)
+    start: str = setting(
+        'dispersed',
+        'live: the thresholded live map; prior: a draw from it; free; occupied; dispersed: these '
+        'in turn, one per chain, but for cells that are free in the live map: they start free',
+        choices=('dispersed', 'live', 'prior', 'free', 'occupied'),
+    )
+    start_threshold: float = setting(
+        0.5,
+        'the live map is occupied from this probability on; unmeasured cells have the prior',
+        low=0.0,
+        high=1.0,
+    )
+    order: str = setting(
+        'fixed',
+        'order of the cells in a sweep; checkerboard: all even cells, then all odd ones',
+        choices=('fixed', 'random', 'checkerboard'),
+    )
+    burn_in: int = setting(50, 'sweeps of each chain that do not count', low=0, high=10**9)
+    seed: int = setting(1, 'seed of the chains', low=0, high=2**63 - 1)
+
+    def __post_init__(self) -> None:
+        """Refuse what is out of bounds."""
+        check_bounds(self)
+
+    @property
+    def prior_log_odds(self) -> float:
+        """Log-odds of the prior, nats."""
+        return math.log(self.prior) - math.log1p(-self.prior)
+
+
+@dataclass(frozen=True)
+class StopConfig:
+    """When sampling is done; whatever comes first."""
+
+    max_sweeps: int = setting(2000, 'sweeps of each chain', low=1, high=10**9)
+    max_time: float = setting(60.0, 'time for sampling, s', low=0.01, high=1e7)
+    r_hat: float = setting(
+        1.05, 'chains agree where R-hat is below this; 0: never stop for it', low=0.0, high=10.0
+    )
+    agreeing_share: float = setting(
+        0.99, 'enough when so many of the measured cells agree', low=0.0, high=1.0
+    )
+
+    def __post_init__(self) -> None:
+        """Refuse what is out of bounds or contradicts itself."""
+        check_bounds(self)
+        possible = self.r_hat == 0.0 or self.r_hat > 1.0
+        require(possible, 'r_hat', self.r_hat, 'expected more than 1, or 0 for no such rule')
+
+
+@dataclass(frozen=True)
+class PatchConfig:
+    """What is known of buildings before any beam ([patch])."""
+
+    prior: str = setting(
+        'uniform',
+        'uniform: independent cells, chain.prior; patch: how common a patch is in the training '
+        'maps; border: the same given the cells around it',
+        choices=('uniform', 'patch', 'border'),
+    )
+    size: int = setting(1, 'cells drawn at a time: 1, 9 or 25', low=1, high=25)
+    file: str = setting(
+        '', 'prior file of learn-prior; empty: the one that comes with the package'
+    )
+    order: str = setting(
+        'tiled',
+        'tiled: patches side by side from a random offset; random: anywhere, as published',
+        choices=('tiled', 'random'),
+    )
+    escape: float = setting(
+        0.02,
+        'share of draws that also consider a patch the table does not list',
+        low=1e-6,
+        high=1.0,
+    )
+    random_share: float = setting(
+        0.0,
+        'p_randPatch of the published algorithm, 0.001 there: patches set at random, which does '
+        'not leave the posterior as it is; 0: the exact way, `escape`',
+        low=0.0,
+        high=1.0,
+    )
+    margin: int = setting(
+        5, 'the window goes on so many cells beyond all rays', low=1, high=10_000
+    )
+
+    def __post_init__(self) -> None:
+        """Refuse what is out of bounds."""
+        check_bounds(self)
+        require(self.size in (1, 9, 25), 'size', self.size, 'one of 1, 9, 25')
+
+    @property
+    def single_cells(self) -> bool:
+        """Whether this is the sampler of independent cells ([gibbs])."""
+        return self.prior == 'uniform' and self.size == 1
+
+
+@dataclass(frozen=True)
+class SamplerConfig:
+    """Everything that decides the samples of a given set of scans."""
+
+    model: ForwardModelConfig = ForwardModelConfig()
+    window: WindowConfig = WindowConfig()
+    chain: ChainConfig = ChainConfig()
+    patch: PatchConfig = PatchConfig()
+
+
+@dataclass(frozen=True)
+class RecordingConfig:
+    """Which scans are kept for sampling; the oldest go first."""
+
+    max_scans: int = setting(2000, 'scans kept for sampling', low=1, high=10**7)
+    max_seconds: float = setting(
+        0.0, 'scans older than this before the newest are let go, s; 0: none', low=0.0, high=1e9
+    )
+    max_rays: int = setting(1_000_000, 'beams kept for sampling', low=1, high=10**9)
+
+    def __post_init__(self) -> None:
+        """Refuse what is out of bounds."""
+        check_bounds(self)

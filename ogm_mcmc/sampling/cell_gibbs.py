@@ -1,0 +1,143 @@
+"""Gibbs sampling of single cells: State, Info and one sweep ([gibbs] Algorithm 1)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+from numpy.random import Generator
+
+from ogm_mcmc.arrays import AnyArray, Float32Array, UInt8Array
+from ogm_mcmc.errors import GridError, require
+from ogm_mcmc.sampling.gibbs_kernels import find_first_hits, sweep_cells
+from ogm_mcmc.sampling.ray_index import RayIndex
+
+__all__ = ['ORDERS', 'CellModel', 'Draw', 'GibbsState', 'SweepInfo', 'run_chain', 'start', 'sweep']
+
+ORDERS = ('fixed', 'random', 'checkerboard')
+
+
+class GibbsState(NamedTuple):
+    """What the next sweep needs: `cells` (K,) uint8 and each ray's first hit, `records`.
+
+    `records` (N, 2) int32 follows from `cells`; see `ogm_mcmc.sampling.gibbs_kernels`.
+    """
+
+    cells: UInt8Array
+    records: AnyArray
+
+    def copy(self) -> GibbsState:
+        """Return a state that a kernel may change."""
+        return GibbsState(self.cells.copy(), self.records.copy())
+
+
+class SweepInfo(NamedTuple):
+    """What a plot needs: flipped and occupied cells, log p(z | m) and log p(m | z) + constant."""
+
+    flips: int
+    occupied: int
+    log_likelihood: float
+    log_posterior: float
+
+
+Draw = tuple[GibbsState, SweepInfo]
+
+
+class CellModel:
+    """p(m | z, x) of a window: its rays, and independent cells with one prior.
+
+    `touched` (C,) int32: the cells that a ray crosses; all others keep their prior, independently.
+    """
+
+    def __init__(
+        self, index: RayIndex, prior_log_odds: float, width: int, order: str = 'fixed'
+    ) -> None:
+        require(order in ORDERS, 'order', order, f'one of {", ".join(ORDERS)}')
+        self.index = index
+        self.prior_log_odds = float(prior_log_odds)
+        self.order = order
+        self.touched = index.touched()
+        self.ceiling = _ceiling(index, self.prior_log_odds)
+        even = (self.touched // width + self.touched % width) % 2 == 0
+        self._checkered = np.concatenate((self.touched[even], self.touched[~even]))
+
+    @property
+    def n_cells(self) -> int:
+        """K."""
+        return self.index.n_cells
+
+    def start(self, cells: UInt8Array) -> GibbsState:
+        """Return the state of a map (K,); cells that no ray crosses are set free.
+
+        Raises GridError when it is of another size.
+        """
+        if cells.shape != (self.n_cells,):
+            raise GridError(
+                f'start map of {cells.size} cells: expected the {self.n_cells} of the window'
+            )
+        mine = np.zeros(self.n_cells, np.uint8)
+        mine[self.touched] = cells[self.touched] != 0
+        records = np.empty((self.index.n_rays, 2), np.int32)
+        find_first_hits(mine, self.index, records)
+        return GibbsState(mine, records)
+
+    def advance(self, rng: Generator, state: GibbsState, *, settling: bool = False) -> int:
+        """Draw every touched cell once, in place; return the number of flips.
+
+        `settling` makes no difference to single cells, see `PosteriorModel`.
+        """
+        order = self.touched
+        if self.order == 'random':
+            order = rng.permutation(self.touched)
+        elif self.order == 'checkerboard':
+            order = self._checkered
+        return int(sweep_cells(rng, order, *state, self.index, self.ceiling, self.prior_log_odds))
+
+    def log_likelihood(self, state: GibbsState) -> float:
+        """Log p(z | m, x), nats."""
+        return float(state.records.view(np.float32)[:, 1].sum(dtype=np.float64))
+
+    def log_prior(self, state: GibbsState) -> float:
+        """Log p(m) less that of the empty map, nats."""
+        return self.prior_log_odds * float(np.count_nonzero(state.cells))
+
+
+def start(cells: UInt8Array, model: CellModel) -> GibbsState:
+    """Return the state of a map; see `CellModel.start`."""
+    return model.start(cells)
+
+
+def sweep(rng: Generator, state: GibbsState, model: CellModel) -> Draw:
+    """Resample every cell once ([gibbs] Algorithm 1, inner loop); `state` stays as it is."""
+    after = state.copy()
+    flips = model.advance(rng, after)
+    likelihood = model.log_likelihood(after)
+    info = SweepInfo(
+        flips,
+        int(np.count_nonzero(after.cells)),
+        likelihood,
+        likelihood + model.log_prior(after),
+    )
+    return after, info
+
+
+def run_chain(
+    rng: Generator, state: GibbsState, model: CellModel, *, n_samples: int, burn_in: int = 0
+) -> Iterator[Draw]:
+    """Yield `n_samples` draws after `burn_in` sweeps; stop when you like."""
+    for i in range(burn_in + n_samples):
+        state, info = sweep(rng, state, model)
+        if i >= burn_in:
+            yield state, info
+
+
+def _ceiling(index: RayIndex, prior_log_odds: float) -> Float32Array:
+    """Return (K,) what no conditional probability of a cell exceeds, whatever the other cells.
+
+    p <= sigmoid(prior + the most its rays can add), rounded upwards.
+    """
+    log_odds = prior_log_odds + index.gain.astype(np.float64) * (1.0 + 1e-6) + 1e-5
+    with np.errstate(over='ignore'):
+        ceiling = 1.0 / (1.0 + np.exp(-log_odds))
+    return (ceiling * (1.0 + 1e-6)).astype(np.float32)

@@ -1,0 +1,170 @@
+"""How far chains of binary cells can be trusted: R-hat, effective sample size, standard error.
+
+Everything is computed from how often a cell was occupied in each of several batches of sweeps: a
+0/1 cell is known by its counts, so no chain has to be kept.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ogm_mcmc.arrays import AnyArray, Float32Array, Float64Array
+
+__all__ = ['BatchCounts', 'ChainQuality', 'assess', 'split_r_hat']
+
+MAX_BATCHES = 16
+LARGEST_UINT16 = 65_535
+
+# A cell this near to 0 or 1 is decided; the others say how well chains mix.
+DECIDED = 0.01
+
+
+class BatchCounts:
+    """How often each of C cells was occupied in batches of sweeps of one chain.
+
+    There are at most 16 batches. When all are full each two become one, and a batch takes twice
+    as many sweeps from then on: memory stays the same however long a chain runs.
+    """
+
+    def __init__(self, n_cells: int) -> None:
+        self.counts: AnyArray = np.zeros((MAX_BATCHES, n_cells), np.uint16)
+        self.batch_length = 1
+        self.full = 0  # batches
+        self.in_last = 0  # sweeps in the batch being filled
+
+    @property
+    def n_sweeps(self) -> int:
+        """Sweeps counted."""
+        return self.full * self.batch_length + self.in_last
+
+    @property
+    def row(self) -> AnyArray:
+        """Counts (C,) to add the next sweep to; call `sweep_added` afterwards."""
+        row: AnyArray = self.counts[self.full]
+        return row
+
+    def sweep_added(self) -> None:
+        """Note that a sweep was added to `row`."""
+        self.in_last += 1
+        if self.in_last < self.batch_length:
+            return
+        self.full, self.in_last = self.full + 1, 0
+        if self.full == MAX_BATCHES:
+            self._merge()
+
+    def _merge(self) -> None:
+        self.batch_length *= 2
+        if self.batch_length > LARGEST_UINT16 and self.counts.dtype == np.uint16:
+            self.counts = self.counts.astype(np.uint32)
+        half = MAX_BATCHES // 2
+        for batch in range(half):
+            self.counts[batch] = self.counts[2 * batch] + self.counts[2 * batch + 1]
+        self.counts[half:] = 0
+        self.full = half
+
+    def total(self) -> AnyArray:
+        """Counts (C,) over all sweeps, int64."""
+        total: AnyArray = self.counts.sum(axis=0, dtype=np.int64)
+        return total
+
+    def batches(self) -> AnyArray:
+        """Counts (B, C) of the full batches."""
+        return self.counts[: self.full]
+
+
+class ChainQuality(NamedTuple):
+    """Per cell (C,) float32: `r_hat`, `ess` (effective samples) and `mcse` of the mean.
+
+    `mean` (C,) and all else come from the `sweeps` of all `chains` in full batches.
+    """
+
+    r_hat: Float32Array
+    ess: Float32Array
+    mcse: Float32Array
+    mean: Float32Array
+    sweeps: int
+    chains: int
+
+    def agreeing_share(self, limit: float) -> float:
+        """Share of cells whose R-hat is below a limit."""
+        return float(np.mean(self.r_hat < limit)) if self.r_hat.size else 1.0
+
+    def summary(self) -> dict[str, float]:
+        """Return overall figures; ESS over cells that are not decided, in the median."""
+        open_cells = (self.mean > DECIDED) & (self.mean < 1.0 - DECIDED)
+        some = bool(open_cells.any())
+        return {
+            'r_hat_p99': _quantile(self.r_hat, 0.99) if self.r_hat.size else 1.0,
+            'ess_median': float(np.median(self.ess[open_cells])) if some else float(self.sweeps),
+            'mcse_max': float(self.mcse.max()) if self.mcse.size else 0.0,
+            'undecided_cells': int(open_cells.sum()),
+        }
+
+
+def split_r_hat(means: Float64Array, length: int) -> Float32Array:
+    """Gelman-Rubin R-hat of 0/1 cells from the means (S, C) of S sequences of `length` draws.
+
+    With W the mean of the variances inside the sequences and B/n that of their means,
+    R-hat^2 = ((n - 1) / n W + B / n) / W. 1 where all are the same constant, inf where they are
+    different constants.
+    """
+    within = (means * (1.0 - means)).mean(axis=0) * (length / (length - 1.0))
+    between = means.var(axis=0, ddof=1)
+    with np.errstate(divide='ignore', invalid='ignore'):
+        r_hat = np.sqrt((length - 1.0) / length + between / within)
+    r_hat[(within == 0.0) & (between == 0.0)] = 1.0
+    result: Float32Array = r_hat.astype(np.float32)
+    return result
+
+
+def assess(chains: list[BatchCounts]) -> ChainQuality | None:
+    """Judge chains of equal length; None while they are shorter than four full batches.
+
+    R-hat compares the first and the last half of every chain. The variance of the means of the
+    batches around the mean of all gives the standard error, as batches are long enough to hardly
+    know of each other; ESS is what independent draws would have that error.
+    """
+    first = chains[0]
+    n_batches, length = first.full, first.batch_length
+    if n_batches < 4:
+        return None
+    half = n_batches // 2
+    n_cells = first.counts.shape[1]
+    halves = np.empty((2 * len(chains), n_cells))
+    total, squares = np.zeros(n_cells), np.zeros(n_cells)
+    for j, chain in enumerate(chains):
+        counts = chain.batches()
+        halves[2 * j] = counts[:half].sum(axis=0, dtype=np.float64)
+        halves[2 * j + 1] = counts[n_batches - half :].sum(axis=0, dtype=np.float64)
+        for batch in counts:
+            mean = batch / length
+            total += mean
+            squares += mean * mean
+    halves /= half * length
+    n_means = n_batches * len(chains)
+    mean = total / n_means
+    variance = np.maximum(squares - n_means * mean * mean, 0.0) / (n_means - 1)
+    draws = n_means * length
+    with np.errstate(divide='ignore', invalid='ignore'):
+        ess = mean * (1.0 - mean) / (variance / n_means)
+    ess = np.clip(np.nan_to_num(ess, nan=draws, posinf=draws), 1.0, draws)
+    return ChainQuality(
+        split_r_hat(halves, half * length) if half * length > 1 else _unknown(n_cells),
+        ess.astype(np.float32),
+        np.sqrt(variance / n_means).astype(np.float32),
+        mean.astype(np.float32),
+        draws,
+        len(chains),
+    )
+
+
+def _unknown(n_cells: int) -> Float32Array:
+    return np.full(n_cells, np.inf, np.float32)
+
+
+def _quantile(values: Float32Array, share: float) -> float:
+    """Return a quantile that is one of the values, some of which may be inf."""
+    rank = min(int(share * values.size), values.size - 1)
+    return float(np.partition(values, rank)[rank])

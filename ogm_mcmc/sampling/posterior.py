@@ -1,0 +1,225 @@
+"""Several chains side by side: the anytime posterior mean and how good it is."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.random import Generator
+
+from ogm_mcmc.arrays import AnyArray, BoolArray, Float32Array, UInt8Array
+from ogm_mcmc.errors import WindowError
+from ogm_mcmc.sampling.cell_gibbs import GibbsState
+from ogm_mcmc.sampling.diagnostics import BatchCounts, ChainQuality, assess
+from ogm_mcmc.sampling.gibbs_kernels import add_occupied
+
+__all__ = ['Estimate', 'PosteriorModel', 'PosteriorSampler', 'over_dispersed_starts']
+
+
+class PosteriorModel(Protocol):
+    """What a sampler of maps offers, over cells or patches."""
+
+    touched: AnyArray
+    """Cells (C,) int32 that are sampled."""
+
+    @property
+    def n_cells(self) -> int:
+        """K, the cells of a map."""
+        ...
+
+    def start(self, cells: UInt8Array) -> GibbsState:
+        """Return the state of a map (K,)."""
+        ...
+
+    def advance(self, rng: Generator, state: GibbsState, *, settling: bool = False) -> int:
+        """Do one sweep in place; return the number of flips.
+
+        `settling` says that it does not count: whatever leaves a bad start soonest will do.
+        """
+        ...
+
+    def log_likelihood(self, state: GibbsState) -> float:
+        """Log p(z | m, x), nats."""
+        ...
+
+
+class Estimate(NamedTuple):
+    """Posterior mean (C,) of the touched cells after so many counted sweeps of each chain."""
+
+    mean: Float32Array
+    sweeps: int
+
+
+class PosteriorSampler:
+    """Chains of one model, each in a thread of its own, with counts for the posterior mean.
+
+    Each chain has a child of the seed as its generator, so the result is the same however threads
+    are scheduled and whatever number of sweeps is asked for at a time.
+    """
+
+    def __init__(
+        self, model: PosteriorModel, starts: Sequence[UInt8Array], *, seed: int, burn_in: int
+    ) -> None:
+        self.model = model
+        self.burn_in = burn_in
+        self.sweeps = 0
+        self.rngs = np.random.default_rng(seed).spawn(len(starts))
+        self.states = [model.start(cells) for cells in starts]
+        self.counts = [BatchCounts(model.touched.size) for _ in starts]
+
+    def advance(self, n_sweeps: int) -> int:
+        """Do so many sweeps in every chain; return the number of flips in all."""
+        n_chains = len(self.states)
+        with ThreadPoolExecutor(n_chains) as pool:
+            flips = sum(pool.map(self._advance_one, range(n_chains), [n_sweeps] * n_chains))
+        self.sweeps += n_sweeps
+        return flips
+
+    def _advance_one(self, chain: int, n_sweeps: int) -> int:
+        flips = 0
+        state, counts = self.states[chain], self.counts[chain]
+        for i in range(n_sweeps):
+            settling = self.sweeps + i < self.burn_in
+            flips += self.model.advance(self.rngs[chain], state, settling=settling)
+            if not settling:
+                add_occupied(state.cells, self.model.touched, counts.row)
+                counts.sweep_added()
+        return flips
+
+    @property
+    def counted(self) -> int:
+        """Sweeps of each chain that count."""
+        return self.counts[0].n_sweeps
+
+    def estimate(self) -> Estimate:
+        """Return the posterior mean so far; before the end of the burn-in, of the present maps."""
+        counted = self.counted
+        if counted == 0:
+            totals = [state.cells[self.model.touched] for state in self.states]
+        else:
+            totals = [counts.total() for counts in self.counts]
+        total = np.asarray(totals, np.float64).sum(axis=0)
+        mean: Float32Array = (total / (max(counted, 1) * len(totals))).astype(np.float32)
+        return Estimate(mean, counted)
+
+    def quality(self) -> ChainQuality | None:
+        """Judge the chains (see `assess`); None while they are too short."""
+        return assess(self.counts)
+
+    def log_likelihoods(self) -> list[float]:
+        """Log p(z | m) of every chain's present map, nats."""
+        return [self.model.log_likelihood(state) for state in self.states]
+
+    def draw_maps(self, count: int, thin: int) -> Iterator[UInt8Array]:
+        """Yield `count` maps (K,), `thin` sweeps apart, from the chains in turn."""
+        for i in range(count):
+            if i % len(self.states) == 0:
+                self.advance(thin)
+            yield self.states[i % len(self.states)].cells.copy()
+
+    @property
+    def n_bytes(self) -> int:
+        """Memory of states and counts."""
+        states = sum(array.nbytes for state in self.states for array in state)
+        return int(states + sum(counts.counts.nbytes for counts in self.counts))
+
+    def save(self, path: Path, settings: dict[str, Any]) -> None:
+        """Write everything that `load` needs to go on as if nothing had happened."""
+        arrays: dict[str, Any] = {}
+        for j, (state, counts) in enumerate(zip(self.states, self.counts, strict=True)):
+            arrays[f'cells_{j}'] = np.packbits(state.cells)
+            arrays[f'counts_{j}'] = counts.counts
+            arrays[f'progress_{j}'] = (counts.batch_length, counts.full, counts.in_last)
+        header = {
+            'version': 1,
+            'chains': len(self.states),
+            'sweeps': self.sweeps,
+            'burn_in': self.burn_in,
+            'n_cells': self.model.n_cells,
+            'touched': int(self.model.touched.size),
+            'generators': [rng.bit_generator.state for rng in self.rngs],
+            'settings': settings,
+        }
+        with path.open('wb') as stream:
+            np.savez_compressed(stream, header=np.array(json.dumps(header)), **arrays)
+
+    @classmethod
+    def load(cls, path: Path, model: PosteriorModel) -> tuple[PosteriorSampler, dict[str, Any]]:
+        """Return the sampler that was saved, and its settings.
+
+        Raises WindowError when the file is no such file or is of another window.
+        """
+        try:
+            with np.load(path) as data:
+                header = json.loads(str(data['header']))
+                if header['version'] != 1:
+                    raise WindowError(f'{path}: version {header["version"]}: expected 1')
+                _same_window(path, header, model)
+                sampler = cls(model, [], seed=0, burn_in=header['burn_in'])
+                sampler.sweeps = header['sweeps']
+                for j in range(header['chains']):
+                    cells = np.unpackbits(data[f'cells_{j}'], count=model.n_cells)
+                    sampler.states.append(model.start(cells))
+                    counts = BatchCounts(0)
+                    counts.counts = data[f'counts_{j}']
+                    counts.batch_length, counts.full, counts.in_last = map(
+                        int, data[f'progress_{j}']
+                    )
+                    sampler.counts.append(counts)
+                    rng = np.random.default_rng()
+                    rng.bit_generator.state = header['generators'][j]
+                    sampler.rngs.append(rng)
+        except (OSError, KeyError, ValueError, TypeError, EOFError) as error:
+            if isinstance(error, WindowError):
+                raise
+            reason = ' '.join(str(error).split())
+            raise WindowError(f'{path}: expected a saved sampling state ({reason})') from error
+        return sampler, header['settings']
+
+
+def _same_window(path: Path, header: dict[str, Any], model: PosteriorModel) -> None:
+    saved = header['n_cells'], header['touched']
+    here = model.n_cells, model.touched.size
+    if saved != here:
+        raise WindowError(
+            f'{path}: sampled {saved[1]} of {saved[0]} cells: expected {here[1]} of {here[0]}, '
+            'those of this window'
+        )
+
+
+def over_dispersed_starts(
+    kind: str,
+    n_chains: int,
+    live: UInt8Array,
+    prior: float,
+    seed: int,
+    free: BoolArray,
+) -> list[UInt8Array]:
+    """Return a map (K,) per chain to start from; `live` is the thresholded live map.
+
+    `dispersed` takes live, occupied, free and a draw from the prior in turn, but for the cells
+    that are `free` (K,) in the live map: the two extremes disagree about everything else, so
+    chains that agree afterwards have forgotten their start. Were the free cells occupied, too,
+    a ray would end in front of its sensor, where every next cell is as unlikely as the last: a
+    solid block wears off from its rim only (Intel, a tenth of the scans, `beam`: half of it was
+    still there after 400 sweeps).
+    """
+    rng = np.random.default_rng([seed, 1])
+
+    def one(name: str) -> UInt8Array:
+        if name == 'live':
+            return live.copy()
+        if name == 'prior':
+            cells = (rng.random(live.size) < prior).astype(np.uint8)
+        else:
+            cells = np.full(live.size, name == 'occupied', np.uint8)
+        if kind == 'dispersed':
+            cells[free] = 0
+        return cells
+
+    turns = ('live', 'occupied', 'free', 'prior') if kind == 'dispersed' else (kind,)
+    return [one(turns[j % len(turns)]) for j in range(n_chains)]

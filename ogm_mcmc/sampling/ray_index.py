@@ -1,0 +1,327 @@
+"""Which rays touch which cell, and what each ray would say if it ended there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from ogm_mcmc.arrays import AnyArray, Float64Array
+from ogm_mcmc.config import ForwardModelConfig, WindowConfig
+from ogm_mcmc.errors import GridError, WindowError
+from ogm_mcmc.geometry import CellBox, GridSpec, Pose2D, Scan, cast_rays
+from ogm_mcmc.sampling.ray_index_kernels import file_rays, spread_pairs, trace_rays
+from ogm_mcmc.sensors.forward_model import ForwardModel
+
+__all__ = ['BeamRays', 'RayIndex', 'RayWindow']
+
+# A position on a ray is a uint16, and the last one stands for "nothing".
+MAX_POSITIONS = 65_000
+
+
+class BeamRays(NamedTuple):
+    """N rays (all arrays (N,)): sensor cell `column`, `row`, the sensor in it at `x`, `y`;
+    direction `ux`, `uy`; `length` in cells; `reading` and `reach` in m, reading inf for none.
+    """  # noqa: D205
+
+    column: AnyArray
+    row: AnyArray
+    x: Float64Array
+    y: Float64Array
+    ux: Float64Array
+    uy: Float64Array
+    length: Float64Array
+    reading: Float64Array
+    reach: Float64Array
+
+
+class RayIndex(NamedTuple):
+    """N rays, K cells, T pairs of a ray and a cell it crosses, in two orders.
+
+    By cell: cell k owns rows `cell_start[k]` to `cell_start[k + 1]` (K + 1,) int64 of `pairs`
+    (T, 2) int32, the ray and, as the bits of a float32, log p(z | this cell is its first hit),
+    and of `positions` (T,) uint16, the cell's place on the ray; `gain` (K,) float32 is the most
+    that its rays can add to its log-odds.
+    By ray: ray n owns `ray_start[n]` to `ray_start[n + 1]` (N + 1,) int64 of `steps` (T,) uint8
+    and `ray_likelihood` (T,) float32; it begins in `first_cell` (N,) int32 and goes on by
+    `across` and `up` (N,) int32; `nothing` (N,) float32, log p(z | no cell of the ray is hit).
+    15 bytes a pair.
+    """
+
+    cell_start: AnyArray
+    pairs: AnyArray
+    positions: AnyArray
+    gain: AnyArray
+    ray_start: AnyArray
+    steps: AnyArray
+    ray_likelihood: AnyArray
+    first_cell: AnyArray
+    across: AnyArray
+    up: AnyArray
+    nothing: AnyArray
+
+    @property
+    def n_rays(self) -> int:
+        """N."""
+        return int(self.first_cell.size)
+
+    @property
+    def n_pairs(self) -> int:
+        """T."""
+        return int(self.ray_start[-1])
+
+    @property
+    def n_cells(self) -> int:
+        """K, cells that no ray crosses included."""
+        return int(self.gain.size)
+
+    @property
+    def n_bytes(self) -> int:
+        """Memory of all arrays."""
+        return sum(int(array.nbytes) for array in self)
+
+    def touched(self) -> AnyArray:
+        """Cells (C,) int32 that a ray crosses, in rising order."""
+        touched: AnyArray = np.flatnonzero(np.diff(self.cell_start)).astype(np.int32)
+        return touched
+
+
+class RayWindow:
+    """Recorded scans as an index of rays that can grow.
+
+    Adding scans changes the arrays of `index` in place and replaces the tuple: whoever samples
+    from an index must stop before more is added.
+    """
+
+    def __init__(
+        self, config: WindowConfig, model: ForwardModelConfig, *, margin: int = 0
+    ) -> None:
+        self.config = config
+        self.margin = margin  # cells beyond all rays that belong to the window, too
+        self.model_config = model
+        self.model = ForwardModel.from_config(model)
+        self.spec = GridSpec(config.resolution, 1, 1)
+        self.index = _empty_index()
+
+    def add(self, placements: Iterable[tuple[Scan, Pose2D]]) -> int:
+        """Add scans, each with the pose of its sensor; return the number of new rays.
+
+        Raises GridError for a ray that is too long, WindowError when the memory limit would be
+        passed; nothing has changed then.
+        """
+        rays, box = self._cast(placements)
+        if rays is None:
+            return 0
+        first_ray = self.index.n_rays
+        box = CellBox(
+            box.column0 - self.margin,
+            box.row0 - self.margin,
+            box.column1 + self.margin,
+            box.row1 + self.margin,
+        )
+        spec = self.spec.windowed(self.spec.box.union(box) if first_ray else box)
+        at_most = self.index.n_pairs + int(_most_cells(rays).sum())
+        self._check_memory(at_most, first_ray + rays.length.size, spec.width * spec.height)
+        rays = rays._replace(column=rays.column - spec.column0, row=rays.row - spec.row0)
+        self.index = _extended(self.index, self.spec, spec, rays, self.model)
+        self.spec = spec
+        return int(rays.length.size)
+
+    def _cast(self, placements: Iterable[tuple[Scan, Pose2D]]) -> tuple[BeamRays | None, CellBox]:
+        """Return the rays in lattice cells, and a box around all of them."""
+        parts, box = [], CellBox(0, 0, 0, 0)
+        for scan, sensor in placements:
+            rays = self._cast_one(scan, sensor)
+            if rays.length.size:
+                parts.append(rays)
+                box = box.union(_box_around(rays))
+        if not parts:
+            return None, box
+        return BeamRays(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True))), box
+
+    def _cast_one(self, scan: Scan, sensor: Pose2D) -> BeamRays:
+        config = self.config
+        if config.beam_stride > 1:
+            scan = replace(
+                scan,
+                ranges_m=np.ascontiguousarray(scan.ranges_m[:: config.beam_stride]),
+                angle_increment_rad=scan.angle_increment_rad * config.beam_stride,
+            )
+        spec = GridSpec(config.resolution, 1, 1)
+        cast = cast_rays(
+            scan,
+            sensor,
+            spec,
+            max_range_m=config.max_range,
+            no_return_clears=config.no_return == 'clear',
+        )
+        n = cast.n_rays
+        along = cast.ends[:, :n] - np.array([[cast.x], [cast.y]])
+        measured = np.hypot(along[0], along[1])
+        hit = cast.hit[:n] != 0
+        reach = scan.range_max_m
+        if config.max_range > 0.0:
+            reach = min(reach, config.max_range)
+        length = np.full(n, reach / config.resolution)
+        if config.cut_sigma > 0.0:
+            behind = measured + config.cut_sigma * self.model.sigma_m / config.resolution
+            length[hit] = np.minimum(length, behind)[hit]
+        if n and length.max() * 2.0 > MAX_POSITIONS:
+            raise GridError(
+                f'a ray of {length.max():.0f} cells: expected at most {MAX_POSITIONS // 2}; '
+                'set max_range'
+            )
+        with np.errstate(invalid='ignore', divide='ignore'):
+            ux, uy = along / measured
+        return BeamRays(
+            np.full(n, cast.column),
+            np.full(n, cast.row),
+            np.full(n, cast.x),
+            np.full(n, cast.y),
+            ux,
+            uy,
+            length,
+            np.where(hit, measured * config.resolution, np.inf),
+            np.full(n, reach),
+        )
+
+    def _check_memory(self, pairs: int, n_rays: int, n_cells: int) -> None:
+        needed = 15 * pairs + 28 * n_rays + 12 * n_cells
+        limit = self.config.max_memory_mb
+        if needed > limit * 1e6:
+            raise WindowError(
+                f'{n_rays} rays need {needed / 1e6:.0f} MB: expected at most max_memory_mb = '
+                f'{limit:g}; use fewer scans, a larger beam_stride, resolution or cut_sigma'
+            )
+
+
+def _most_cells(rays: BeamRays) -> AnyArray:
+    """Return how many cells each ray crosses at most."""
+    across = np.abs(np.floor(rays.x + rays.length * rays.ux) - np.floor(rays.x))
+    up = np.abs(np.floor(rays.y + rays.length * rays.uy) - np.floor(rays.y))
+    cells: AnyArray = (across + up).astype(np.int64) + 1
+    return cells
+
+
+def _box_around(rays: BeamRays) -> CellBox:
+    end_x, end_y = rays.x + rays.length * rays.ux, rays.y + rays.length * rays.uy
+    column, row = int(rays.column[0]), int(rays.row[0])
+    return CellBox(
+        column + int(np.floor(min(0.0, end_x.min()))),
+        row + int(np.floor(min(0.0, end_y.min()))),
+        column + int(np.floor(max(0.0, end_x.max()))) + 1,
+        row + int(np.floor(max(0.0, end_y.max()))) + 1,
+    )
+
+
+def _empty_index() -> RayIndex:
+    return RayIndex(
+        cell_start=np.zeros(2, np.int64),
+        pairs=np.empty((0, 2), np.int32),
+        positions=np.empty(0, np.uint16),
+        gain=np.zeros(1, np.float32),
+        ray_start=np.zeros(1, np.int64),
+        steps=np.empty(0, np.uint8),
+        ray_likelihood=np.empty(0, np.float32),
+        first_cell=np.empty(0, np.int32),
+        across=np.empty(0, np.int32),
+        up=np.empty(0, np.int32),
+        nothing=np.empty(0, np.float32),
+    )
+
+
+def _grown(array: AnyArray, size: int) -> AnyArray:
+    """Grow an array where it lies, if the allocator can: never twice the memory of a large one."""
+    shape = (size, *array.shape[1:])
+    if array.size == 0:
+        return np.empty(shape, array.dtype)  # not cleared, unlike what `resize` adds
+    array.resize(shape, refcheck=False)
+    return array
+
+
+def _extended(
+    index: RayIndex, old: GridSpec, new: GridSpec, rays: BeamRays, model: ForwardModel
+) -> RayIndex:
+    """Return the index with more rays in a window that covers the old one; uses up `index`."""
+    n_old, n_new = index.n_rays, index.n_rays + rays.length.size
+    t_old, t_most = index.n_pairs, index.n_pairs + int(_most_cells(rays).sum())
+    counts, gain = _regridded(index, old, new)
+    before = np.concatenate(([0], np.cumsum(counts)))
+
+    ray_start = np.concatenate((index.ray_start, np.empty(n_new - n_old, np.int64)))
+    first_cell = np.concatenate(
+        (_moved_cells(index.first_cell, old, new), np.empty(n_new - n_old, np.int32))
+    )
+    across = np.concatenate((index.across, np.empty(n_new - n_old, np.int32)))
+    up = np.concatenate((np.sign(index.up) * new.width, np.empty(n_new - n_old, np.int32)))
+    up = up.astype(np.int32)
+    nothing = np.concatenate((index.nothing, np.empty(n_new - n_old, np.float32)))
+    steps = _grown(index.steps, t_most)
+    likelihood = _grown(index.ray_likelihood, t_most)
+    total = int(
+        trace_rays(
+            rays,
+            new.width,
+            new.resolution_m,
+            model,
+            ray_start[n_old:],
+            first_cell[n_old:],
+            across[n_old:],
+            up[n_old:],
+            steps,
+            likelihood,
+            nothing[n_old:],
+            counts,
+        )
+    )
+    after = np.concatenate(([0], np.cumsum(counts)))
+    grown = RayIndex(
+        cell_start=after,
+        pairs=_grown(index.pairs, total),
+        positions=_grown(index.positions, total),
+        gain=gain,
+        ray_start=ray_start,
+        steps=_grown(steps, total),
+        ray_likelihood=_grown(likelihood, total),
+        first_cell=first_cell,
+        across=across,
+        up=up,
+        nothing=nothing,
+    )
+    if t_old:
+        spread_pairs(before, after, grown.pairs, grown.positions)
+    file_rays(
+        n_old,
+        after[:-1] + np.diff(before),
+        ray_start,
+        first_cell,
+        across,
+        up,
+        grown.steps,
+        grown.ray_likelihood,
+        nothing,
+        grown.pairs,
+        grown.positions,
+        gain,
+    )
+    return grown
+
+
+def _regridded(index: RayIndex, old: GridSpec, new: GridSpec) -> tuple[AnyArray, AnyArray]:
+    """Return pairs per cell and gain per cell on a larger window; cells keep their order."""
+    counts = np.zeros((new.height, new.width), np.int64)
+    gain = np.zeros((new.height, new.width), np.float32)
+    if index.n_rays:
+        place = new.slices(old.box)
+        counts[place] = np.diff(index.cell_start).reshape(old.height, old.width)
+        gain[place] = index.gain.reshape(old.height, old.width)
+    return counts.reshape(-1), gain.reshape(-1)
+
+
+def _moved_cells(cells: AnyArray, old: GridSpec, new: GridSpec) -> AnyArray:
+    row, column = np.divmod(cells, old.width)
+    moved = (row + (old.row0 - new.row0)) * new.width + column + (old.column0 - new.column0)
+    result: AnyArray = moved.astype(np.int32)
+    return result

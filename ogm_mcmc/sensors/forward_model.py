@@ -1,0 +1,75 @@
+"""Forward sensor models: p(z | f), the likelihood of a range given the first occupied cell."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from ogm_mcmc.config import ForwardModelConfig
+from ogm_mcmc.sensors.forward_model_kernels import (
+    range_log_likelihood,
+    unseen_log_likelihood,
+)
+
+__all__ = ['ForwardModel']
+
+
+class ForwardModel(NamedTuple):
+    """Numbers of one model, as kernels take them; make it with `from_config`.
+
+    `gaussian`: z ~ N(d, sigma^2), d the distance of the first occupied cell ([gibbs] section
+    III-B). A ray with nothing on it ends at its reach, and so does a reading without a return.
+
+    `beam`: with d the distance of the first occupied cell and R the reach of the ray,
+      p(z | d)         = hit N(z; d, sigma^2) / Phi(d / sigma) + clutter / R
+                         + short * decay e^(-decay z) / (1 - e^(-decay d)) [z <= d]
+      p(no return | d) = missing + hit (1 - Phi((R - d) / sigma)) / Phi(d / sigma)
+    and with nothing on the ray the share of hits goes to "no return". Over all ranges in [0, R]
+    and "no return" these sum to 1. Both are strictly positive everywhere.
+
+    `depth` says where inside a cell a beam is reflected, as a share of its way through.
+    """
+
+    is_gaussian: bool
+    sigma_m: float
+    hit: float
+    clutter: float
+    missing: float
+    short: float
+    short_decay: float
+    depth: float
+
+    @classmethod
+    def from_config(cls, config: ForwardModelConfig) -> ForwardModel:
+        """Return the model a configuration describes."""
+        return cls(
+            config.kind == 'gaussian',
+            float(config.sigma),
+            1.0 - config.clutter - config.missing - config.short,
+            float(config.clutter),
+            float(config.missing),
+            float(config.short),
+            float(config.short_decay),
+            float(config.depth),
+        )
+
+    def log_likelihood(self, reading_m: float, reach_m: float, distance_m: float) -> float:
+        """Nats; `reading_m` may be inf (no return), `distance_m` inf (nothing on the ray)."""
+        return float(range_log_likelihood(self, reading_m, reach_m, distance_m))
+
+    def cut_error(self, cut_sigma: float, reading_m: float, reach_m: float) -> float:
+        """Bound, in nats, on what cutting a ray `cut_sigma` behind its reading changes.
+
+        The largest difference between the likelihood given to "nothing up to the cut" and that
+        of any first hit behind it. For `gaussian` that grows with the square of the distance:
+        there a cut is another model, one whose likelihood stays level behind the cut.
+        """
+        cut_m = reading_m + cut_sigma * self.sigma_m
+        if not cut_m < reach_m:
+            return 0.0
+        given = float(unseen_log_likelihood(self, reading_m, reach_m, cut_m))
+        # The likelihood falls monotonically behind the reading, so the ends are extreme.
+        outcomes = (cut_m, reach_m, math.inf)
+        return max(
+            abs(self.log_likelihood(reading_m, reach_m, distance) - given) for distance in outcomes
+        )
