@@ -57,7 +57,7 @@ def _placed(rays: SampledRays, samples: PoseSamples, tree: Quadtree, reach: floa
     end_x, end_y = rays.ends[:, 0, :n].ravel(), rays.ends[:, 1, :n].ravel()
     tiles = tree.tiles_around(rays.box)
     dx, dy = end_x - x, end_y - y
-    with np.errstate(divide='ignore', invalid='ignore'):
+    with np.errstate(divide='ignore', invalid='ignore', over='ignore'):
         share = reach / np.hypot(dx, dy)
         for start, step, low, high in (
             (x, dx, tiles.column0 - tree.column0 - column, tiles.column1 - tree.column0 - column),

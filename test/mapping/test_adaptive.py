@@ -324,6 +324,30 @@ def test_forced_full_depth_is_the_regular_grid(tree, fusion, placed, prior):
         assert found == approx(expected, abs=1e-4)
 
 
+TOUCHY = {
+    'at the origin': Pose2D(),
+    'hardly below, looking back': Pose2D(-1e-20, 0.51, math.pi),
+    'hardly below, looking down': Pose2D(0.51, -1e-20, -math.pi / 2),
+    'hardly turned': Pose2D(0.25, 0.0, -1e-309),
+    'on the corner of a tile': Pose2D(32.0, -32.0, math.pi / 4),
+    'far away': Pose2D(2.0**18 + 0.5, -(2.0**18), 2.0),
+}
+
+
+@pytest.mark.parametrize('fusion', FUSIONS)
+@pytest.mark.parametrize('tree', REGULAR, ids=['one level', 'forced depth 3', 'forced depth 5'])
+@pytest.mark.parametrize('sensor', TOUCHY.values(), ids=TOUCHY)
+def test_forced_full_depth_where_rounding_decides(sensor, tree, fusion):
+    config = MapperConfig(resolution=1.0, fusion=fusion, adaptive=AdaptiveConfig(**tree))
+    adaptive, regular = AdaptiveMapper(config), TwoAssumptionMapper(config)
+    scan = fan(*np.linspace(10.0, 20.0, 60), math.inf, bearing=-0.05, increment=0.05 / 30)
+    for method in (adaptive, regular):
+        method.update(scan, PoseBelief(sensor))
+    found = measured_cells(adaptive.log_odds(adaptive.spec.box), adaptive.spec.box)
+    expected = measured_cells(regular.log_odds(regular.spec.box), regular.spec.box)
+    assert found == approx(expected, abs=1e-4)
+
+
 @given(
     placed=placed_scans,
     fusion=st.sampled_from(FUSIONS),
