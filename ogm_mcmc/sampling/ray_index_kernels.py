@@ -65,6 +65,7 @@ def trace_rays(
         up[n] = width if uy > 0.0 else -width
         nothing[n] = unseen_log_likelihood(model, reading, reach, length * resolution)
         level, near = level_log_likelihood(model, reading, reach)
+        near_to = min(reading, reach)
         # A ray leaves a cell by its right or left, and by its upper or lower border; one that
         # runs along an axis never meets the border beside it.
         right, upper = (1.0 if ux >= 0.0 else 0.0), (1.0 if uy >= 0.0 else 0.0)
@@ -79,7 +80,7 @@ def trace_rays(
             leaving = max(min(leaving_x, leaving_y), entering)
             distance = (entering + model.depth * (leaving - entering)) * resolution
             value = level
-            if abs(distance - reading) < near:
+            if abs(distance - near_to) < near:
                 value = range_log_likelihood(model, reading, reach, distance)
             likelihood[at + p] = value
             step = np.uint8(0)
