@@ -33,6 +33,14 @@ def per_unit(direction):
     return 1.0 / direction if abs(direction) > 1e-300 else 1e300
 
 
+@njit(cache=True, nogil=True, inline='always')
+def sum_rounded_up(total, term):
+    """Add to a float32 that must not become less than the sum: a bound stays a bound."""
+    exact = np.float64(total) + term
+    rounded = np.float32(exact)
+    return rounded if rounded >= exact else np.float32(exact * (1.0 + 2.0**-23))
+
+
 @njit(cache=True, nogil=True)
 def longest_ray(lengths):
     """Return more cells than any ray of these lengths crosses."""
@@ -141,10 +149,10 @@ def file_rays(
             bits[i, 1] = likelihood[begin + p]
             positions[i] = p
             cell = following_cell(cell, steps[begin + p], across[n], up[n])
-        lowest = nothing[n]
+        lowest = np.float64(nothing[n])
         for p in range(count - 1, -1, -1):
-            here = likelihood[begin + p]
+            here = np.float64(likelihood[begin + p])
             if here > lowest:
-                gain[cells[p]] += here - lowest
+                gain[cells[p]] = sum_rounded_up(gain[cells[p]], here - lowest)
             else:
                 lowest = here
