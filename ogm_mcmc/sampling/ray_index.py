@@ -158,32 +158,37 @@ class RayWindow:
             no_return_clears=config.no_return == 'clear',
         )
         n = cast.n_rays
-        along = cast.ends[:, :n] - np.array([[cast.x], [cast.y]])
-        measured = np.hypot(along[0], along[1])
-        hit = cast.hit[:n] != 0
+        # Readings and directions as they are: those of end points were rounded, and an end point
+        # next to the sensor has no direction at all.
+        reading = scan.ranges_m.astype(np.float64)
+        used = (reading > 0.0) & (reading >= scan.range_min_m) & (reading <= scan.range_max_m)
+        if config.no_return == 'clear':
+            used |= reading == np.inf
+        reading = reading[used]
+        ahead, left = scan.directions()[:, used]
+        cosine, sine = np.cos(sensor.yaw_rad), np.sin(sensor.yaw_rad)
         reach = scan.range_max_m
         if config.max_range > 0.0:
             reach = min(reach, config.max_range)
+        hit = reading <= reach
         length = np.full(n, reach / config.resolution)
         if config.cut_sigma > 0.0:
-            behind = measured + config.cut_sigma * self.model.sigma_m / config.resolution
+            behind = (reading + config.cut_sigma * self.model.sigma_m) / config.resolution
             length[hit] = np.minimum(length, behind)[hit]
         if n and length.max() * 2.0 > MAX_POSITIONS:
             raise GridError(
                 f'a ray of {length.max():.0f} cells: expected at most {MAX_POSITIONS // 2}; '
                 'set max_range'
             )
-        with np.errstate(invalid='ignore', divide='ignore'):
-            ux, uy = along / measured
         return BeamRays(
             np.full(n, cast.column),
             np.full(n, cast.row),
             np.full(n, cast.x),
             np.full(n, cast.y),
-            ux,
-            uy,
+            ahead * cosine - left * sine,
+            ahead * sine + left * cosine,
             length,
-            np.where(hit, measured * config.resolution, np.inf),
+            np.where(hit, reading, np.inf),
             np.full(n, reach),
         )
 
