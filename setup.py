@@ -35,8 +35,6 @@ setup(
         'plots': ['matplotlib>=3.7'],
         'test': [
             'pytest>=7.4',
-            'scipy>=1.11',
-            'scikit-learn>=1.3',
             'hypothesis>=6.90',
             'matplotlib>=3.7',
             'scipy>=1.11',
