@@ -9,6 +9,7 @@ GridMap <--- posterior mean <--- PosteriorSampler.advance(sweeps) ... until a li
 
 from __future__ import annotations
 
+import math
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
@@ -106,11 +107,14 @@ class Progress(NamedTuple):
     reason: str = ''
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON."""
-        return {
-            key: round(value, 6) if isinstance(value, float) else value
-            for key, value in self._asdict().items()
-        }
+        """Return plain values for JSON, which knows no infinity: None for what is not known."""
+
+        def plain(value: Any) -> Any:
+            if not isinstance(value, float):
+                return value
+            return round(value, 6) if math.isfinite(value) else None
+
+        return {key: plain(value) for key, value in self._asdict().items()}
 
 
 class Refinement:
@@ -122,6 +126,7 @@ class Refinement:
     def __init__(self, config: SamplerConfig) -> None:
         self.config = config
         self._taken: list[Placement] = []
+        self._times_taken = 0
         self.window = self._empty_window()
         self._table = _patch_table(config)
         self.sampler: PosteriorSampler | None = None
@@ -140,6 +145,8 @@ class Refinement:
         """
         if not scans:
             raise WindowError('no scan was recorded: expected at least one')
+        if start is not None:
+            _check_lattice(self.window.spec, start)
         known = len(self._taken)
         extends = 0 < known <= len(scans) and all(
             old is new for old, new in zip(self._taken, scans[:known], strict=True)
@@ -151,6 +158,7 @@ class Refinement:
         if window.index.n_rays == 0:
             raise WindowError(f'no beam of {len(scans)} scans says anything: nothing to sample')
         self.window, self._taken = window, list(scans)
+        self._times_taken += 1
         self._begin(start, warm)
         return window.index.n_rays
 
@@ -190,8 +198,8 @@ class Refinement:
                 chain.seed,
                 _cells_on(spec, live, 0.5, 1.0) == 0,
             )
-        # After a warm start another stream of random numbers, or the chains would repeat it.
-        seed = chain.seed + len(self._taken) if warm else chain.seed
+        # After a warm start another stream of random numbers, or the chains would repeat one.
+        seed: int | list[int] = [chain.seed, self._times_taken] if warm else chain.seed
         self.sampler = PosteriorSampler(model, starts, seed=seed, burn_in=chain.burn_in)
         self.quality, self._summary = None, None
 
@@ -216,10 +224,11 @@ class Refinement:
         """
         if self.sampler is None:
             raise WindowError('no scan was taken: nothing to sample')
-        if self.config.chain.burn_in >= stop.max_sweeps:
+        # Chains that go on may have their burn-in behind them.
+        if self.sampler.burn_in >= self.sampler.sweeps + stop.max_sweeps:
             raise ConfigError(
                 f'max_sweeps is {stop.max_sweeps}: expected more than burn_in '
-                f'({self.config.chain.burn_in}), or no sweep counts'
+                f'({self.sampler.burn_in}), or no sweep counts'
             )
         return self._rounds(self.sampler, stop, cancelled)
 
@@ -327,6 +336,17 @@ def _cells_on(spec: GridSpec, grid: GridMap, threshold: float, elsewhere: float)
 
     Cells that `grid` does not know have the probability `elsewhere`.
     """
+    _check_lattice(spec, grid)
+    cells = np.full((spec.height, spec.width), elsewhere >= threshold, np.uint8)
+    common = spec.box.intersection(grid.spec.box)
+    if not common.empty:
+        known = np.nan_to_num(grid.probability[grid.spec.slices(common)], nan=elsewhere)
+        cells[spec.slices(common)] = known >= threshold
+    return cells.reshape(-1)
+
+
+def _check_lattice(spec: GridSpec, grid: GridMap) -> None:
+    """Raise GridError unless the cells of `grid` are those of a window's lattice."""
     same = (
         grid.spec.resolution_m == spec.resolution_m
         and grid.spec.anchor_x_m == spec.anchor_x_m
@@ -338,12 +358,6 @@ def _cells_on(spec: GridSpec, grid: GridMap, threshold: float, elsewhere: float)
             f'({grid.spec.anchor_x_m:g}, {grid.spec.anchor_y_m:g}): expected '
             f'{spec.resolution_m:g} m at ({spec.anchor_x_m:g}, {spec.anchor_y_m:g})'
         )
-    cells = np.full((spec.height, spec.width), elsewhere >= threshold, np.uint8)
-    common = spec.box.intersection(grid.spec.box)
-    if not common.empty:
-        known = np.nan_to_num(grid.probability[grid.spec.slices(common)], nan=elsewhere)
-        cells[spec.slices(common)] = known >= threshold
-    return cells.reshape(-1)
 
 
 def hide_uncertain(grid_map: GridMap, prior: float, margin: float) -> GridMap:
