@@ -69,9 +69,8 @@ def maps(refinement):
 def lattice_map(values, column0=0, row0=0, **spec):
     probability = np.array(values, np.float32)
     height, width = probability.shape
-    grid = GridSpec(**{'resolution_m': 0.5, **spec}, width=width, height=height,
-                    column0=column0, row0=row0)  # fmt: skip
-    return GridMap(grid, probability)
+    where = {'width': width, 'height': height, 'column0': column0, 'row0': row0}
+    return GridMap(GridSpec(**{'resolution_m': 0.5, **where, **spec}), probability)
 
 
 # -- scans in -------------------------------------------------------------------------------------
@@ -195,7 +194,7 @@ def test_a_start_map_of_another_lattice_is_refused_before_anything_changes(other
     if warm:
         refinement.take([FIRST])
     before = refinement.window, refinement.window.index, refinement.sampler
-    with pytest.raises(GridError, match='start map with cells of .* expected 0.5 m at'):
+    with pytest.raises(GridError, match=r'start map with cells of .* expected 0.5 m at'):
         refinement.take([FIRST, SECOND], lattice_map([[0.5]], **other))
     assert (refinement.window, refinement.window.index, refinement.sampler) == before
     assert refinement.settings()['scans'] == (1 if warm else 0)

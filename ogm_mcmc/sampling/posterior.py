@@ -62,7 +62,12 @@ class PosteriorSampler:
     """
 
     def __init__(
-        self, model: PosteriorModel, starts: Sequence[UInt8Array], *, seed: int | Sequence[int], burn_in: int
+        self,
+        model: PosteriorModel,
+        starts: Sequence[UInt8Array],
+        *,
+        seed: int | Sequence[int],
+        burn_in: int,
     ) -> None:
         self.model = model
         self.burn_in = burn_in

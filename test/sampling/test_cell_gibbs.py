@@ -46,11 +46,16 @@ def in_order(model, window, naive, rng):
     if model.order == 'random':
         places = rng.permutation(model.touched)
         return [
-            (k % window.spec.width + window.spec.column0, k // window.spec.width + window.spec.row0)
+            (
+                k % window.spec.width + window.spec.column0,
+                k // window.spec.width + window.spec.row0,
+            )
             for k in places.tolist()
         ]
     if model.order == 'checkerboard':
-        even = [c for c in cells if (c[0] + c[1] - window.spec.column0 - window.spec.row0) % 2 == 0]
+        even = [
+            c for c in cells if (c[0] + c[1] - window.spec.column0 - window.spec.row0) % 2 == 0
+        ]
         return even + [c for c in cells if c not in even]
     return cells
 
