@@ -20,6 +20,7 @@ from ogm_mcmc.testing.tiny_problems import TinyProblem, cell_numbers, tiny_probl
 approx = pytest.approx
 
 INF = float('inf')
+COMPILED = hasattr(find_first_hits, 'signatures')
 
 
 def model_of(window, prior, order='fixed'):
@@ -170,16 +171,16 @@ def test_long_runs_converge_to_the_exact_marginals(kind, order):
     model = model_of(window, 0.3, order)
     starts = [np.zeros(model.n_cells, np.uint8), np.ones(model.n_cells, np.uint8)]
     sampler = PosteriorSampler(model, starts, seed=5, burn_in=100)
-    sampler.advance(20_100 if not uncompiled() else 1_500)
+    sampler.advance(20_100 if COMPILED else 1_500)
     quality = sampler.quality()
-    assert quality.ess.min() > (1000 if not uncompiled() else 50)
-    assert quality.r_hat.max() < 1.02 if not uncompiled() else 1.2
-    assert np.abs(sampler.estimate().mean - exact).max() < 0.1
-    assert (np.abs(quality.mean - exact) < 4.5 * quality.mcse).all()
-
-
-def uncompiled():
-    return not hasattr(find_first_hits, 'signatures')
+    assert quality.r_hat.max() < (1.02 if COMPILED else 1.2)
+    assert np.abs(sampler.estimate().mean - exact).max() < 0.05
+    # A cell that was never seen occupied has no standard error.
+    judged = np.minimum(exact, 1.0 - exact) > 0.02
+    assert judged.sum() >= 4
+    assert quality.ess[judged].min() > (1000 if COMPILED else 50)
+    error = np.abs(quality.mean - exact)
+    assert (error < 4.5 * quality.mcse)[judged].all()
 
 
 # -- State, Info, orders --------------------------------------------------------------------------

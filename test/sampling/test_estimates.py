@@ -2,7 +2,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from sklearn.metrics import mutual_info_score
 
@@ -12,10 +12,8 @@ from ogm_mcmc.testing.strategies import REPEATABLE
 approx = pytest.approx
 
 
-@given(
-    rows=st.lists(st.tuples(*[st.integers(0, 1)] * 4), min_size=1, max_size=40),
-)
-@REPEATABLE
+@given(rows=st.lists(st.tuples(*[st.integers(0, 1)] * 4), min_size=1, max_size=40))
+@settings(REPEATABLE, max_examples=40)
 def test_equals_scikit_learn(rows):
     samples = np.array(rows, np.uint8)
     found = mutual_information_bits(samples)

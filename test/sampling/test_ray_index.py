@@ -237,6 +237,16 @@ def test_readings_of_next_to_nothing(reading):
     assert_equals_twin(window, NaivePosterior(BEAM, config, 0.2, placed))
 
 
+@pytest.mark.parametrize('yaw', [5e-324, -5e-324, 1e-301, -1e-301, -1e-299])
+def test_beams_next_to_an_axis(yaw):
+    """Whichever border they would meet in the end, they cross the cells of a beam along it."""
+    config = WindowConfig(resolution=1.0, cut_sigma=0.0)
+    model = ForwardModelConfig(kind='gaussian', sigma=1.0)
+    placed = [(fan(3.0, range_max_m=5.0), Pose2D(0.25, 0.5, yaw))]
+    window = window_of(placed, model, resolution=1.0, cut_sigma=0.0)
+    assert_equals_twin(window, NaivePosterior(model, config, 0.2, placed))
+
+
 @pytest.mark.parametrize('yaw', [0.0, math.pi / 2, math.pi, -math.pi / 2, math.pi / 4])
 @pytest.mark.parametrize(('x', 'y'), [(0.0, 0.0), (0.5, 0.5), (0.0, 0.5), (3.0, -2.0)])
 def test_beams_along_axes_and_through_corners(x, y, yaw):
