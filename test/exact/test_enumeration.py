@@ -89,3 +89,17 @@ def test_cutting_rays_changes_the_posterior_by_less_than_its_bound(reading, shor
             assert abs(moved) <= 2.0 * bound + 1e-5
         if cut_sigma == 6.0 and short == 0.0:
             assert bound < 1e-4
+
+
+@pytest.mark.parametrize('reading', [1.3, 1.9, 2.4])
+def test_cutting_rays_of_the_gaussian_changes_little_where_readings_agree(reading):
+    """There it is another model, but only of maps that none of the readings come from."""
+    model = ForwardModelConfig(kind='gaussian', sigma=0.25)
+    placed = [(fan(reading, reading + 0.1, range_max_m=6.5), Pose2D(0.25, 0.5))]
+    whole = NaivePosterior(model, WindowConfig(resolution=1.0, cut_sigma=0.0), 0.2, placed)
+    assert len(whole.touched) == 7
+    window = RayWindow(WindowConfig(resolution=1.0, cut_sigma=6.0), model)
+    window.add(placed)
+    cut = enumerate_maps(window.index, np.log(0.2 / 0.8))
+    assert 3 <= cut.touched.size < 7
+    assert cut.marginals == approx(whole.marginals()[: cut.touched.size], abs=1e-4)

@@ -190,7 +190,7 @@ def test_memory_limit_refuses_before_changing_anything(first):
 
 def test_memory_is_bounded_and_reported():
     """What is held is at most what was asked of the limit, 15 bytes a pair and some a ray."""
-    window = window_of(walk(30, seed=5, beams=60, range_max_m=12.0), resolution=0.05)
+    window = window_of(walk(8, seed=5, beams=40, range_max_m=12.0), resolution=0.1)
     index = window.index
     assert index.n_bytes == sum(array.nbytes for array in index)
     per_ray_and_cell = 28 * index.n_rays + 12 * index.n_cells + 100
