@@ -253,7 +253,7 @@ def _extended(
     n_old, n_new = index.n_rays, index.n_rays + rays.length.size
     t_old, t_most = index.n_pairs, index.n_pairs + int(_most_cells(rays).sum())
     counts, gain = _regridded(index, old, new)
-    before = np.concatenate(([0], np.cumsum(counts)))
+    before = _beginnings(counts)
 
     ray_start = np.concatenate((index.ray_start, np.empty(n_new - n_old, np.int64)))
     first_cell = np.concatenate(
@@ -281,7 +281,7 @@ def _extended(
             counts,
         )
     )
-    after = np.concatenate(([0], np.cumsum(counts)))
+    after = _beginnings(counts)
     grown = RayIndex(
         cell_start=after,
         pairs=_grown(index.pairs, total),
@@ -297,9 +297,14 @@ def _extended(
     )
     if t_old:
         spread_pairs(before, after, grown.pairs, grown.positions)
+    # Where the next pair of each cell goes: behind those it had. There may be more cells than
+    # pairs, so no array of them is made that is not needed.
+    next_pair = counts
+    np.subtract(before[1:], before[:-1], out=next_pair)
+    next_pair += after[:-1]
     file_rays(
         n_old,
-        after[:-1] + np.diff(before),
+        next_pair,
         ray_start,
         first_cell,
         across,
@@ -312,6 +317,13 @@ def _extended(
         gain,
     )
     return grown
+
+
+def _beginnings(counts: AnyArray) -> AnyArray:
+    """Return where each cell's pairs begin and the last ones end, (K + 1,) int64."""
+    beginnings = np.zeros(counts.size + 1, np.int64)
+    np.cumsum(counts, out=beginnings[1:])
+    return beginnings
 
 
 def _regridded(index: RayIndex, old: GridSpec, new: GridSpec) -> tuple[AnyArray, AnyArray]:
