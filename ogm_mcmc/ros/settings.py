@@ -9,14 +9,15 @@ from ogm_mcmc.config import MapperConfig, OutputConfig, PlacingConfig, check_bou
 __all__ = [
     'LIVE_PARAMETERS',
     'NODE_CONFIGS',
+    'IntakeConfig',
     'OnlineMapperConfig',
     'ReplayConfig',
 ]
 
 
 @dataclass(frozen=True)
-class OnlineMapperConfig:
-    """How the node receives, places and publishes."""
+class IntakeConfig:
+    """How a node receives scans and poses."""
 
     map_frame: str = setting('map', 'frame of the map and of the poses')
     base_frame: str = setting(
@@ -42,6 +43,16 @@ class OnlineMapperConfig:
     max_waiting_scans: int = setting(
         1000, 'scans that may wait for a pose at once; the oldest go first', low=1, high=100000
     )
+
+    def __post_init__(self) -> None:
+        """Refuse what is out of bounds."""
+        check_bounds(self)
+
+
+@dataclass(frozen=True)
+class OnlineMapperConfig:
+    """When `online_mapper` publishes, and where it saves."""
+
     map_update_interval: float = setting(
         1.0, 'time between published maps, s', low=0.02, high=3600.0
     )
@@ -60,7 +71,7 @@ class OnlineMapperConfig:
 
 
 # All at the top level of the node, like the names people know from slam_toolbox.
-NODE_CONFIGS = (MapperConfig, OutputConfig, PlacingConfig, OnlineMapperConfig)
+NODE_CONFIGS = (MapperConfig, OutputConfig, PlacingConfig, IntakeConfig, OnlineMapperConfig)
 
 # What may change while the node runs; the rest decides what was already mapped.
 LIVE_PARAMETERS = frozenset(
