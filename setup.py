@@ -53,6 +53,7 @@ setup(
         'console_scripts': [
             'ogm_mcmc = ogm_mcmc.cli.entry:main',
             'online_mapper = ogm_mcmc.ros.online_mapper:main',
+            'refine_server = ogm_mcmc.ros.refine_server:main',
             'replay = ogm_mcmc.ros.replay:main',
         ],
     },

@@ -9,9 +9,12 @@ GridMap <--- posterior mean <--- PosteriorSampler.advance(sweeps) ... until a li
 
 from __future__ import annotations
 
+import hashlib
+import operator
 import time
-from collections import deque
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,16 +22,18 @@ import numpy as np
 from ogm_mcmc.arrays import Float32Array, UInt8Array
 from ogm_mcmc.config import (
     MapperConfig,
-    RecordingConfig,
     SamplerConfig,
     StopConfig,
     WindowConfig,
+    check_limits,
     flatten,
 )
-from ogm_mcmc.errors import ConfigError, GridError, WindowError
-from ogm_mcmc.geometry import GridMap, GridSpec
+from ogm_mcmc.errors import GridError, WindowError
+from ogm_mcmc.geometry import GridMap, GridSpec, Pose2D, PoseBelief, Scan
+from ogm_mcmc.io.map_files import replacing
 from ogm_mcmc.mapping import make_method
 from ogm_mcmc.placement import Placement
+from ogm_mcmc.recording import Recording
 from ogm_mcmc.sampling import (
     CellModel,
     ChainQuality,
@@ -37,9 +42,15 @@ from ogm_mcmc.sampling import (
     over_dispersed_starts,
 )
 
-__all__ = ['Progress', 'Recording', 'Refinement', 'hide_uncertain', 'live_map']
-
-NS_PER_S = 1_000_000_000
+__all__ = [
+    'Progress',
+    'Recording',
+    'Refinement',
+    'fingerprint',
+    'hide_uncertain',
+    'live_map',
+    'warm_up',
+]
 
 # Long enough that Python costs nothing, short enough that a stop is not waited for.
 ROUND_S = 0.1
@@ -49,41 +60,6 @@ JUDGING_SHARE = 0.1
 
 # Fewer sweeps agree by chance.
 MIN_COUNTED = 64
-
-
-class Recording:
-    """The most recent placed scans, within limits."""
-
-    def __init__(self, config: RecordingConfig) -> None:
-        self.config = config
-        self.n_rays = 0
-        self._scans: deque[Placement] = deque()
-
-    def __len__(self) -> int:
-        """Return the number of scans."""
-        return len(self._scans)
-
-    def add(self, placement: Placement) -> None:
-        """Keep a scan with the belief about its sensor's pose; the oldest go."""
-        config = self.config
-        self._scans.append(placement)
-        self.n_rays += placement.scan.ranges_m.size
-        oldest = placement.scan.stamp_ns - round(config.max_seconds * NS_PER_S)
-        while len(self._scans) > 1 and (
-            len(self._scans) > config.max_scans
-            or self.n_rays > config.max_rays
-            or (config.max_seconds > 0.0 and self._scans[0].scan.stamp_ns < oldest)
-        ):
-            self.n_rays -= self._scans.popleft().scan.ranges_m.size
-
-    def snapshot(self) -> list[Placement]:
-        """Return the scans as they are now."""
-        return list(self._scans)
-
-    def clear(self) -> None:
-        """Forget all scans."""
-        self._scans.clear()
-        self.n_rays = 0
 
 
 class Progress(NamedTuple):
@@ -191,11 +167,7 @@ class Refinement:
         """
         if self.sampler is None:
             raise WindowError('no scan was taken: nothing to sample')
-        if self.config.chain.burn_in >= stop.max_sweeps:
-            raise ConfigError(
-                f'max_sweeps is {stop.max_sweeps}: expected more than burn_in '
-                f'({self.config.chain.burn_in}), or no sweep counts'
-            )
+        check_limits(self.config.chain, stop)
         return self._rounds(self.sampler, stop, cancelled)
 
     def _rounds(
@@ -252,6 +224,40 @@ class Refinement:
             **figures,
         )
 
+    # -- to disk and back -------------------------------------------------------------------
+
+    def holds(self, scans: Sequence[Placement]) -> bool:
+        """Whether exactly these scans are being sampled: `run` then simply goes on."""
+        return len(scans) == len(self._taken) > 0 and all(map(operator.is_, scans, self._taken))
+
+    def save(self, path: Path) -> None:
+        """Write the chains, so that `resume` goes on as if nothing had happened.
+
+        Stored are every chain's map, counts and generator, the number of sweeps, the settings
+        and a fingerprint of the scans; not the scans themselves. Raises OutputError.
+        """
+        if self.sampler is None:
+            raise WindowError('nothing was sampled yet: no state to save')
+        with replacing(path) as temporary:
+            self.sampler.save(temporary, self._identity())
+
+    def resume(self, path: Path) -> None:
+        """Go on from a saved state instead of the start that `take` made.
+
+        Raises WindowError, with nothing changed, when the file is no such file, or was written
+        for other scans or settings.
+        """
+        if self.sampler is None:
+            raise WindowError('no scan was taken: take those of the saved state first')
+        sampler, saved = PosteriorSampler.load(path, self.sampler.model)
+        different = [key for key, value in self._identity().items() if saved.get(key) != value]
+        if different:
+            raise WindowError(f'{path}: expected a state of these scans; other {different[0]}')
+        self.sampler, self.quality, self._summary = sampler, None, None
+
+    def _identity(self) -> dict[str, Any]:
+        return {**self.settings(), 'fingerprint': fingerprint(self._taken)}
+
     # -- maps out ---------------------------------------------------------------------------
 
     def map(self) -> GridMap:
@@ -271,6 +277,47 @@ class Refinement:
     def settings(self) -> dict[str, Any]:
         """Return what decided the samples: results carry it."""
         return {**flatten(self.config), 'scans': len(self._taken)}
+
+
+def fingerprint(scans: Sequence[Placement]) -> str:
+    """Return a digest of everything in the scans and poses that decides the posterior."""
+    digest = hashlib.sha256()
+    for scan, belief in scans:
+        pose = belief.mean
+        numbers = (
+            scan.angle_min_rad,
+            scan.angle_increment_rad,
+            scan.range_min_m,
+            scan.range_max_m,
+            pose.x_m,
+            pose.y_m,
+            pose.yaw_rad,
+        )
+        digest.update(np.array(numbers, np.float64).tobytes())
+        digest.update(scan.ranges_m.tobytes())
+    return digest.hexdigest()
+
+
+def warm_up(config: SamplerConfig) -> int:
+    """Compile, or load from the cache, every kernel the configuration needs.
+
+    Returns the sweeps done on a window of one scan.
+    """
+    reach = 4.0 * config.window.resolution
+    scan = Scan.checked(
+        np.array([0.5, np.inf], np.float32) * np.float32(reach),
+        angle_min_rad=0.1,
+        angle_increment_rad=1.0,
+        range_min_m=0.0,
+        range_max_m=reach,
+    )
+    first, second = (Placement(scan, PoseBelief(Pose2D(x, 0.0))) for x in (0.0, reach))
+    refinement = Refinement(replace(config, window=replace(config.window, beam_stride=1)))
+    # The second time extends the index, which takes one kernel more.
+    for scans in ([first], [first, second]):
+        refinement.take(scans)
+        done = list(refinement.run(StopConfig(max_sweeps=config.chain.burn_in + 1)))
+    return done[-1].sweeps
 
 
 def live_map(scans: Sequence[Placement], window: WindowConfig) -> GridMap:

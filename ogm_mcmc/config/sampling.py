@@ -15,6 +15,7 @@ __all__ = [
     'SamplerConfig',
     'StopConfig',
     'WindowConfig',
+    'check_limits',
 ]
 
 
@@ -141,6 +142,16 @@ class StopConfig:
         check_bounds(self)
         possible = self.r_hat == 0.0 or self.r_hat > 1.0
         require(possible, 'r_hat', self.r_hat, 'expected more than 1, or 0 for no such rule')
+
+
+def check_limits(chain: ChainConfig, stop: StopConfig) -> None:
+    """Refuse limits that contradict each other: sampling would end before any sweep counts."""
+    require(
+        chain.burn_in < stop.max_sweeps,
+        'max_sweeps',
+        stop.max_sweeps,
+        f'expected more than burn_in ({chain.burn_in}), or no sweep counts',
+    )
 
 
 @dataclass(frozen=True)

@@ -3,15 +3,31 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
-from ogm_mcmc.config import MapperConfig, OutputConfig, PlacingConfig, check_bounds, setting
+from ogm_mcmc.config import (
+    MapperConfig,
+    OutputConfig,
+    PlacingConfig,
+    RecordingConfig,
+    SamplerConfig,
+    StopConfig,
+    build,
+    check_bounds,
+    check_limits,
+    setting,
+)
 
 __all__ = [
     'LIVE_PARAMETERS',
     'NODE_CONFIGS',
+    'REFINE_CONFIGS',
+    'REFINE_LIVE_PARAMETERS',
     'IntakeConfig',
     'OnlineMapperConfig',
+    'RefineServerConfig',
     'ReplayConfig',
+    'refine_settings_agree',
 ]
 
 
@@ -87,6 +103,81 @@ LIVE_PARAMETERS = frozenset(
         'save_name',
     }
 )
+
+
+@dataclass(frozen=True)
+class RefineServerConfig:
+    """When `refine_server` publishes, what it shows, and where it saves."""
+
+    map_update_interval: float = setting(
+        1.0, 'time between published maps while sampling, s', low=0.02, high=3600.0
+    )
+    latched_interval: float = setting(
+        10.0,
+        'while nobody listens, the latched map is renewed at this interval, s',
+        low=0.1,
+        high=86400.0,
+    )
+    unknown_margin: float = setting(
+        0.02,
+        'cells are unknown (-1) unless max(p, 1 - p) exceeds that of the prior by this',
+        low=0.0,
+        high=0.5,
+    )
+    niceness: int = setting(
+        5, 'sampling gives way to other programs: 0 not at all, 19 always', low=0, high=19
+    )
+    state_file: str = setting(
+        '',
+        'chains are written here by ~/save_map and when sampling ends, and taken up again by the '
+        'first ~/refine with the same scans and settings; empty: nowhere',
+    )
+    save_directory: str = setting('.', 'folder ~/save_map writes to')
+    save_name: str = setting('map_refined', 'name of the files ~/save_map writes')
+
+    def __post_init__(self) -> None:
+        """Refuse what is out of bounds."""
+        check_bounds(self)
+
+
+REFINE_CONFIGS = (
+    SamplerConfig,
+    StopConfig,
+    RecordingConfig,
+    OutputConfig,
+    PlacingConfig,
+    IntakeConfig,
+    RefineServerConfig,
+)
+
+# What may change while the node runs: limits count from the next scan or ~/refine on.
+REFINE_LIVE_PARAMETERS = frozenset(
+    {
+        'max_sweeps',
+        'max_time',
+        'r_hat',
+        'agreeing_share',
+        'max_scans',
+        'max_seconds',
+        'max_rays',
+        'output',
+        'occupied_thresh',
+        'free_thresh',
+        'transform_timeout',
+        'max_pose_gap',
+        'map_update_interval',
+        'latched_interval',
+        'unknown_margin',
+        'save_directory',
+        'save_name',
+    }
+)
+
+
+def refine_settings_agree(values: dict[str, Any]) -> None:
+    """Refuse settings of `refine_server` that contradict each other."""
+    sampler = build(SamplerConfig, values, ignore_unknown=True)
+    check_limits(sampler.chain, build(StopConfig, values, ignore_unknown=True))
 
 
 @dataclass(frozen=True)
