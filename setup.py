@@ -24,7 +24,7 @@ setup(
         'numba>=0.60',
         'rosbags>=0.11',
         'PyYAML>=6.0',
-        'Pillow>=10.0',
+        'Pillow>=10.1',
         'tqdm>=4.64',
     ],
     extras_require={
