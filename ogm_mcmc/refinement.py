@@ -353,13 +353,17 @@ def _cells_on(spec: GridSpec, grid: GridMap, threshold: float) -> UInt8Array:
     return cells.reshape(-1)
 
 
-def hide_uncertain(grid_map: GridMap, prior: float, margin: float) -> GridMap:
+def hide_uncertain(grid_map: GridMap, prior: float, margin: float, draws: int = 0) -> GridMap:
     """Return a map with nan wherever it is no more certain than the prior.
 
-    Certain is max(p, 1 - p); a cell is shown when it exceeds that of the prior by `margin`.
+    Certain is max(p, 1 - p); a cell is shown when it exceeds that of the prior by `margin`. For a
+    mean of so many `draws` it must also be further from the prior than chance takes a cell of
+    which no beam says anything: three standard errors, 3 sqrt(prior (1 - prior) / draws).
     """
     p = grid_map.probability
     limit = max(prior, 1.0 - prior) + margin
+    by_chance = 3.0 * np.sqrt(prior * (1.0 - prior) / draws) if draws > 0 else 0.0
     with np.errstate(invalid='ignore'):
         shown = np.maximum(p, np.float32(1.0) - p) > limit
+        shown &= np.abs(p - np.float32(prior)) > by_chance
     return GridMap(grid_map.spec, np.where(shown, p, np.float32(np.nan)))

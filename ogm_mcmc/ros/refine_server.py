@@ -148,7 +148,7 @@ class RefineServer(Node):
     def shown(self, result: RefinedMap) -> GridMap:
         """Return a map with nan where it is no more certain than the prior."""
         prior, margin = self.sampler.chain.prior, self.settings.unknown_margin
-        return hide_uncertain(result.grid_map, prior, margin)
+        return hide_uncertain(result.grid_map, prior, margin, result.draws)
 
     def map_message(self, result: RefinedMap) -> OccupancyGrid:
         """Return the message of a map."""

@@ -27,10 +27,14 @@ JOIN_S = 60.0
 
 
 class RefinedMap(NamedTuple):
-    """A posterior mean (nan: no ray ever came) as it was handed over; `number` rises by one."""
+    """A posterior mean (nan: no ray ever came) as it was handed over; `number` rises by one.
+
+    It is the mean of `draws` maps of all chains.
+    """
 
     number: int
     grid_map: GridMap
+    draws: int
     scans: int
     stamp_ns: int
     final: bool
@@ -230,6 +234,7 @@ class RefineWorker:
             self.result = RefinedMap(
                 self._handed_over,
                 grid_map,
+                max(progress.counted, 1) * self.config.chain.chains,
                 len(order.scans),
                 order.scans[-1].scan.stamp_ns,
                 final,

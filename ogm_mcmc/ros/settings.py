@@ -120,8 +120,9 @@ class RefineServerConfig:
     )
     unknown_margin: float = setting(
         0.02,
-        'cells are unknown (-1) unless max(p, 1 - p) exceeds that of the prior by this',
-        low=0.0,
+        'cells are unknown (-1) unless max(p, 1 - p) exceeds that of the prior by this; below 0 '
+        'shows less certain ones, never those of which no beam says anything',
+        low=-0.5,
         high=0.5,
     )
     niceness: int = setting(
@@ -196,6 +197,9 @@ class ReplayConfig:
     wait: float = setting(2.0, 'wait up to this long for subscribers, s', low=0.0, high=3600.0)
     wait_topics: int = setting(
         1, 'go on as soon as so many topics have a subscriber', low=0, high=1000
+    )
+    wait_subscribers: int = setting(
+        1, 'subscribers that a topic needs to count for wait_topics', low=1, high=1000
     )
     progress: bool = setting(False, 'show a progress bar on the terminal')
 
