@@ -25,22 +25,25 @@ from ogm_mcmc.config import (
     SamplerConfig,
     StopConfig,
     WindowConfig,
-    check_limits,
     flatten,
 )
-from ogm_mcmc.errors import GridError, WindowError
+from ogm_mcmc.errors import ConfigError, GridError, WindowError
 from ogm_mcmc.geometry import GridMap, GridSpec, Pose2D, PoseBelief, Scan
 from ogm_mcmc.io.map_files import replacing
+from ogm_mcmc.io.prior_files import default_prior_file, load_prior
 from ogm_mcmc.mapping import make_method
 from ogm_mcmc.placement import Placement
 from ogm_mcmc.recording import Recording
 from ogm_mcmc.sampling import (
     CellModel,
     ChainQuality,
+    PosteriorModel,
     PosteriorSampler,
     RayWindow,
     over_dispersed_starts,
 )
+from ogm_mcmc.sampling.patch_gibbs import PatchModel
+from ogm_mcmc.sampling.patch_prior import PatchTable, make_table
 
 __all__ = [
     'Progress',
@@ -93,7 +96,8 @@ class Refinement:
     def __init__(self, config: SamplerConfig) -> None:
         self.config = config
         self._taken: list[Placement] = []
-        self.window = RayWindow(config.window, config.model)
+        self.window = self._empty_window()
+        self._table = _patch_table(config)
         self.sampler: PosteriorSampler | None = None
         self.quality: ChainQuality | None = None
         self._summary: dict[str, float] | None = None
@@ -115,7 +119,7 @@ class Refinement:
             old is new for old, new in zip(self._taken, scans[:known], strict=True)
         )
         warm = self._present_maps()
-        window = self.window if extends else RayWindow(self.config.window, self.config.model)
+        window = self.window if extends else self._empty_window()
         fresh = scans[known:] if extends else scans
         window.add((scan, belief.mean) for scan, belief in fresh)
         if window.index.n_rays == 0:
@@ -124,22 +128,41 @@ class Refinement:
         self._begin(start, warm)
         return window.index.n_rays
 
+    def _empty_window(self) -> RayWindow:
+        patch = self.config.patch
+        margin = 0 if patch.single_cells else patch.margin
+        return RayWindow(self.config.window, self.config.model, margin=margin)
+
+    def _model(self) -> PosteriorModel:
+        chain, patch, width = self.config.chain, self.config.patch, self.window.spec.width
+        if self._table is None:
+            return CellModel(self.window.index, chain.prior_log_odds, width, chain.order)
+        return PatchModel(
+            self.window.index,
+            width,
+            self._table,
+            order=patch.order,
+            escape=patch.escape,
+            random_share=patch.random_share,
+        )
+
     def _begin(self, start: GridMap | None, warm: list[GridMap]) -> None:
         chain, spec = self.config.chain, self.window.spec
-        model = CellModel(self.window.index, chain.prior_log_odds, spec.width, chain.order)
+        model = self._model()
+        threshold = chain.start_threshold
         if warm:
-            starts = [_cells_on(spec, grid, 0.5) for grid in warm]
+            starts = [_cells_on(spec, grid, 0.5, chain.prior) for grid in warm]
         elif start is not None:
-            starts = [_cells_on(spec, start, chain.start_threshold)] * chain.chains
+            starts = [_cells_on(spec, start, threshold, chain.prior)] * chain.chains
         else:
             live = live_map(self._taken, self.config.window)
             starts = over_dispersed_starts(
                 chain.start,
                 chain.chains,
-                model.n_cells,
-                _cells_on(spec, live, chain.start_threshold),
+                _cells_on(spec, live, threshold, chain.prior),
                 chain.prior,
                 chain.seed,
+                _cells_on(spec, live, 0.5, 1.0) == 0,
             )
         # After a warm start another stream of random numbers, or the chains would repeat it.
         seed = chain.seed + len(self._taken) if warm else chain.seed
@@ -167,7 +190,12 @@ class Refinement:
         """
         if self.sampler is None:
             raise WindowError('no scan was taken: nothing to sample')
-        check_limits(self.config.chain, stop)
+        # Chains that go on may have their burn-in behind them.
+        if self.sampler.burn_in >= self.sampler.sweeps + stop.max_sweeps:
+            raise ConfigError(
+                f'max_sweeps is {stop.max_sweeps}: expected more than burn_in '
+                f'({self.sampler.burn_in}), or no sweep counts'
+            )
         return self._rounds(self.sampler, stop, cancelled)
 
     def _rounds(
@@ -332,8 +360,23 @@ def live_map(scans: Sequence[Placement], window: WindowConfig) -> GridMap:
     return GridMap(mapper.spec, mapper.probabilities(mapper.spec.box))
 
 
-def _cells_on(spec: GridSpec, grid: GridMap, threshold: float) -> UInt8Array:
-    """Return a map (K,) of a window: 1 where `grid` is at least at a threshold, 0 elsewhere."""
+def _patch_table(config: SamplerConfig) -> PatchTable | None:
+    """Return the table of the prior, None for independent cells drawn one by one."""
+    patch = config.patch
+    if patch.single_cells:
+        return None
+    if patch.prior == 'uniform':
+        return make_table('uniform', patch.size, p_occupied=config.chain.prior)
+    path = Path(patch.file).expanduser() if patch.file else default_prior_file()
+    counts = load_prior(path, config.window.resolution).counts
+    return make_table(patch.prior, patch.size, counts)
+
+
+def _cells_on(spec: GridSpec, grid: GridMap, threshold: float, elsewhere: float) -> UInt8Array:
+    """Return a map (K,) of a window: 1 where `grid` is at least at a threshold.
+
+    Cells that `grid` does not know have the probability `elsewhere`.
+    """
     same = (
         grid.spec.resolution_m == spec.resolution_m
         and grid.spec.anchor_x_m == spec.anchor_x_m
@@ -345,11 +388,11 @@ def _cells_on(spec: GridSpec, grid: GridMap, threshold: float) -> UInt8Array:
             f'({grid.spec.anchor_x_m:g}, {grid.spec.anchor_y_m:g}): expected '
             f'{spec.resolution_m:g} m at ({spec.anchor_x_m:g}, {spec.anchor_y_m:g})'
         )
-    cells = np.zeros((spec.height, spec.width), np.uint8)
-    rows, columns = np.nonzero(grid.probability >= threshold)
-    rows, columns = rows + grid.spec.row0 - spec.row0, columns + grid.spec.column0 - spec.column0
-    inside = (rows >= 0) & (rows < spec.height) & (columns >= 0) & (columns < spec.width)
-    cells[rows[inside], columns[inside]] = 1
+    cells = np.full((spec.height, spec.width), elsewhere >= threshold, np.uint8)
+    common = spec.box.intersection(grid.spec.box)
+    if not common.empty:
+        known = np.nan_to_num(grid.probability[grid.spec.slices(common)], nan=elsewhere)
+        cells[spec.slices(common)] = known >= threshold
     return cells.reshape(-1)
 
 

@@ -1,4 +1,7 @@
-"""`bench online [--scene FILE] [BAG]`: how fast the mapping call is, as JSON."""
+"""`bench CASE`: how fast things are, as JSON.
+
+`bench online [--scene FILE] [BAG]`: the mapping call. `bench simulate`: beams through cells.
+"""
 
 from __future__ import annotations
 
@@ -8,8 +11,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ogm_mcmc.benchmarks.online import time_online
 from ogm_mcmc.benchmarks.scene import generated_scene, load_scene
+from ogm_mcmc.benchmarks.simulation import time_simulation
 from ogm_mcmc.cli.options import (
     Subparsers,
     add_config_options,
@@ -18,10 +24,14 @@ from ogm_mcmc.cli.options import (
     stream_choice,
 )
 from ogm_mcmc.config import MapperConfig, PlacingConfig
-from ogm_mcmc.errors import BagError, require
+from ogm_mcmc.errors import BagError, ConfigError, require
+from ogm_mcmc.geometry import PoseBelief
 from ogm_mcmc.io.bags import BagReader
 from ogm_mcmc.io.scan_stream import PlacedScans, choose_topics
+from ogm_mcmc.io.world_files import load_world
 from ogm_mcmc.pipeline import mounted, sensor_mount
+from ogm_mcmc.placement import Placement
+from ogm_mcmc.simulation import GridWorld, Lidar
 
 __all__ = ['add_to']
 
@@ -35,36 +45,77 @@ def add_to(subparsers: Subparsers) -> None:
     online.add_argument('--scene', type=Path, help='NPZ of the scene; default: a generated one')
     online.add_argument('--repeats', type=int, default=15, help='passes; the best one counts')
     online.add_argument('--json', action='store_true', help='always JSON; accepted for symmetry')
+    online.add_argument(
+        '--pose-sigma', type=float, default=0.0, help='doubt about every position, m (1 sigma)'
+    )
+    online.add_argument(
+        '--yaw-sigma', type=float, default=0.0, help='doubt about every heading, rad (1 sigma)'
+    )
     add_config_options(online, 'mapping', MapperConfig, PlacingConfig)
     add_stream_options(online)
     online.set_defaults(run=run_online)
+    simulate = cases.add_parser('simulate', help='beams through cells, and a whole data set')
+    simulate.add_argument('--world', default='building-5', help='as for the command simulate')
+    simulate.add_argument('--beams', type=int, default=180)
+    simulate.add_argument('--range-max', type=float, default=7.5, help='m')
+    simulate.add_argument('--scans', type=int, default=200, help='in the data set')
+    simulate.add_argument('--seed', type=int, default=1)
+    simulate.add_argument('--repeats', type=int, default=7, help='passes; the best one counts')
+    simulate.add_argument('--json', action='store_true', help='always JSON; for symmetry')
+    simulate.set_defaults(run=run_simulate)
+
+
+def run_simulate(options: argparse.Namespace) -> int:
+    """Run `bench simulate`."""
+    require(options.repeats > 0, 'repeats', options.repeats, 'expected at least one pass')
+    require(options.seed >= 0, 'seed', options.seed, 'expected 0 or more')
+    world = load_world(options.world)
+    if not isinstance(world, GridWorld):
+        raise ConfigError(f'world is {options.world!r}: expected one that is made of cells')
+    lidar = Lidar(options.beams, range_max_m=options.range_max, noise_m=0.03, dropout=0.0)
+    result = time_simulation(world, lidar, options.repeats, options.seed, options.scans)
+    print(json.dumps({'world': options.world, **result}))
+    return 0
 
 
 def run_online(options: argparse.Namespace) -> int:
     """Run `bench online`."""
     require(options.repeats > 0, 'repeats', options.repeats, 'expected at least one pass')
     config = config_from(options, MapperConfig)
+    sigmas = (options.pose_sigma, options.pose_sigma, options.yaw_sigma)
+    for name, value in (('pose_sigma', sigmas[0]), ('yaw_sigma', sigmas[2])):
+        require(0.0 <= value < 1e3, name, value, 'expected 0 or more')
     scene = generated_scene() if options.scene is None else load_scene(options.scene)
     # The scene stays the same whatever the bag needs: beams that hit nothing clear.
     scene_config = replace(config, resolution=scene.resolution_m, no_return='clear', max_range=0.0)
     result: dict[str, Any] = {
         'scene': {
-            **time_online(scene.placements, scene_config, options.repeats),
+            **time_online(doubted(scene.placements, sigmas), scene_config, options.repeats),
             'source': scene.source,
         }
     }
     if options.bag is not None:
         placing = config_from(options, PlacingConfig)
-        mount = sensor_mount(placing.mount)
         with BagReader(options.bag) as bag:
-            choice = stream_choice(options, placing)
+            choice = stream_choice(options, placing, config)
             placed = PlacedScans(bag, choose_topics(bag, choice), choice)
-            placements = [mounted(scan, robot, mount) for scan, robot in placed]
+            placements = [
+                mounted(scan, robot, sensor_mount(placing.mount, scan.frame_id))
+                for scan, robot in placed
+            ]
         if not placements:
             raise BagError(f'{options.bag}: no scan in it could be placed')
         result['bag'] = {
-            **time_online(placements, config, options.repeats),
+            **time_online(doubted(placements, sigmas), config, options.repeats),
             'source': options.bag.name,
         }
     print(json.dumps(result))
     return 0
+
+
+def doubted(placements: list[Placement], sigmas: tuple[float, float, float]) -> list[Placement]:
+    """Give each pose a Gaussian belief around it; without sigmas nothing changes."""
+    if not any(sigmas):
+        return placements
+    covariance = np.diag(np.square(sigmas))
+    return [Placement(scan, PoseBelief(belief.mean, covariance)) for scan, belief in placements]

@@ -8,12 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool, Trigger
 
-from ogm_mcmc.config import MapperConfig, OutputConfig, PlacingConfig
+from ogm_mcmc.config import LIVE_MAPPING, MapperConfig, OutputConfig, PlacingConfig
 from ogm_mcmc.errors import OgmError
 from ogm_mcmc.geometry import PoseBelief, Scan, SensorMount
 from ogm_mcmc.io.map_files import save_map
@@ -53,6 +54,7 @@ class OnlineMapper(Node):
             self.parameters.read(IntakeConfig),
             self.parameters.read(PlacingConfig),
             self.map_scan,
+            sonar=self.pipeline.config.method == 'sonar',
         )
 
         started = time.monotonic()
@@ -75,7 +77,7 @@ class OnlineMapper(Node):
         )
         self.create_timer(HOUSEKEEPING_S, self.on_housekeeping, clock=steady)
         self.create_timer(DIAGNOSTICS_S, self.publish_diagnostics, clock=steady)
-        self.add_on_set_parameters_callback(self.parameters.check)
+        self.add_on_set_parameters_callback(self.check_parameters)
         self.add_post_set_parameters_callback(self.on_parameters_set)
 
     # -- scans in ---------------------------------------------------------------------------
@@ -178,6 +180,14 @@ class OnlineMapper(Node):
         response.message = 'paused: scans are ignored' if request.data else 'mapping'
         return response
 
+    def check_parameters(self, changes: list[Parameter]) -> SetParametersResult:
+        """Judge a change; a method may have settings fixed that others take over."""
+        fixed = LIVE_MAPPING - self.pipeline.live_settings
+        for name in sorted({change.name for change in changes} & fixed):
+            reason = f'{name} is fixed at start by method {self.pipeline.config.method}'
+            return SetParametersResult(successful=False, reason=reason)
+        return self.parameters.check(changes)
+
     def on_parameters_set(self, _: list[Parameter]) -> None:
         """Take over what `LIVE_PARAMETERS` allows to change."""
         before = self.output
@@ -191,6 +201,12 @@ class OnlineMapper(Node):
         if self.output != before:
             self.map_publisher.view.output = self.output
             self.map_publisher.mark(self.pipeline.changed)
+        mapping = self.parameters.read(MapperConfig)
+        if mapping != self.pipeline.config:
+            self.pipeline.configure(mapping)
+            # What is shown of the cells may be another thing now (`counting.show`).
+            for publisher in (self.map_publisher, self.entropy_publisher):
+                publisher.mark(self.pipeline.changed)
 
 
 def main(args: list[str] | None = None) -> None:

@@ -9,10 +9,10 @@ from typing import Any
 
 from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped
 from rclpy.node import Node
-from sensor_msgs.msg import LaserScan
+from sensor_msgs.msg import LaserScan, Range
 
 from ogm_mcmc.config import PlacingConfig
-from ogm_mcmc.errors import GridError, PoseError, ScanError
+from ogm_mcmc.errors import ConfigError, GridError, PoseError, ScanError
 from ogm_mcmc.geometry import PoseBelief, Scan, SensorMount
 from ogm_mcmc.io import messages
 from ogm_mcmc.pipeline import sensor_mount
@@ -36,16 +36,24 @@ class ScanIntake:
 
     What cannot be used is counted under a reason and warned about, at most every five seconds
     for each; a GridError of `use` counts as well. Call `subscribe` when the node is ready, and
-    `pass_on` now and then: scans that waited too long are dropped there.
+    `pass_on` now and then: scans that waited too long are dropped there. With `sonar` the scans
+    are the readings on `range`.
     """
 
     def __init__(
-        self, node: Node, settings: IntakeConfig, placing: PlacingConfig, use: UseScan
+        self,
+        node: Node,
+        settings: IntakeConfig,
+        placing: PlacingConfig,
+        use: UseScan,
+        *,
+        sonar: bool = False,
     ) -> None:
         self.node = node
         self.settings = settings
         self.placing = placing
         self.use = use
+        self.sonar = sonar
         self.paused = False
         self.counts: Counter[str] = Counter()
         self._warned_at: dict[str, float] = {}
@@ -72,11 +80,16 @@ class ScanIntake:
     def subscribe(self) -> None:
         """Begin to receive."""
         subscribe = self.node.create_subscription
-        subscribe(LaserScan, 'scan', self.on_scan, qos.SENSOR)
+        if self.sonar:
+            subscribe(Range, 'range', self.on_range, qos.SENSOR)
+        else:
+            subscribe(LaserScan, 'scan', self.on_scan, qos.SENSOR)
         if self.settings.pose_source == 'pose':
             subscribe(PoseWithCovarianceStamped, 'pose', self.on_pose, qos.POSES)
         elif self.settings.pose_source == 'particles':
             subscribe(PoseArray, 'particles', self.on_particles, qos.POSES)
+        elif self.settings.pose_source == 'particle_cloud':
+            subscribe(particle_cloud_type(), 'particle_cloud', self.on_particles, qos.POSES)
 
     def configure(self, settings: IntakeConfig, placing: PlacingConfig) -> None:
         """Take over what may change while the node runs."""
@@ -93,6 +106,14 @@ class ScanIntake:
 
     def on_scan(self, msg: LaserScan) -> None:
         """Queue a scan and pass on whatever can be placed."""
+        self.take_scan(msg, messages.read_scan)
+
+    def on_range(self, msg: Range) -> None:
+        """Queue the reading of a sonar; it is placed like a scan."""
+        self.take_scan(msg, messages.read_range)
+
+    def take_scan(self, msg: Any, read: Any) -> None:
+        """Queue a scan, unless it is of another frame or invalid."""
         self.counts['scans_received'] += 1
         wanted = self.settings.sensor_frame
         if self.paused:
@@ -103,7 +124,7 @@ class ScanIntake:
             )
         else:
             try:
-                self.placer.add_scan(messages.read_scan(msg), time.monotonic())
+                self.placer.add_scan(read(msg), time.monotonic())
             except ScanError as error:
                 self.warn('scan_invalid', f'scan dropped: {error}')
             self.pass_on()
@@ -112,8 +133,8 @@ class ScanIntake:
         """Take a pose and pass on the scans that waited for it."""
         self.take_pose(msg, messages.read_pose)
 
-    def on_particles(self, msg: PoseArray) -> None:
-        """Take a particle cloud and pass on the scans that waited for it."""
+    def on_particles(self, msg: Any) -> None:
+        """Take a PoseArray or a ParticleCloud and pass on the scans that waited for it."""
         self.take_pose(msg, messages.read_particles)
 
     def take_pose(self, msg: Any, read: Any) -> None:
@@ -150,7 +171,7 @@ class ScanIntake:
     def mount_of(self, scan: Scan) -> SensorMount | None:
         """Return where the sensor of a scan sits, None while it is not known."""
         if self.settings.mount_source == 'parameters':
-            return sensor_mount(self.placing.mount)
+            return sensor_mount(self.placing.mount, scan.frame_id)
         if scan.frame_id not in self._mounts:
             assert self.tf is not None
             try:
@@ -203,3 +224,15 @@ class ScanIntake:
     def dropped(self) -> dict[str, object]:
         """Return what was dropped and why, for /diagnostics."""
         return {f'dropped: {key}': count for key, count in sorted(self.problems().items())}
+
+
+def particle_cloud_type() -> Any:
+    """Return nav2_msgs/ParticleCloud; raises ConfigError where it is not installed."""
+    try:
+        from nav2_msgs.msg import ParticleCloud
+    except ImportError as error:
+        raise ConfigError(
+            f'pose_source particle_cloud needs nav2_msgs ({error}): expected it installed, or '
+            'pose_source particles (PoseArray)'
+        ) from error
+    return ParticleCloud

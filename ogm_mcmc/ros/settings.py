@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ogm_mcmc.config import (
+    LIVE_MAPPING,
     MapperConfig,
     OutputConfig,
     PlacingConfig,
@@ -42,8 +43,9 @@ class IntakeConfig:
     sensor_frame: str = setting('', 'scans must carry this frame_id; empty: any')
     pose_source: str = setting(
         'pose',
-        'pose: PoseWithCovarianceStamped; particles: PoseArray; tf: where tf2_ros is installed',
-        choices=('pose', 'particles', 'tf'),
+        'pose: PoseWithCovarianceStamped; particles: PoseArray; particle_cloud: ParticleCloud, '
+        'where nav2_msgs is installed; tf: where tf2_ros is installed',
+        choices=('pose', 'particles', 'particle_cloud', 'tf'),
     )
     mount_source: str = setting(
         'parameters',
@@ -89,7 +91,7 @@ class OnlineMapperConfig:
 # All at the top level of the node, like the names people know from slam_toolbox.
 NODE_CONFIGS = (MapperConfig, OutputConfig, PlacingConfig, IntakeConfig, OnlineMapperConfig)
 
-# What may change while the node runs; the rest decides what was already mapped.
+# What may change while the node runs; what was already mapped depends on the rest.
 LIVE_PARAMETERS = frozenset(
     {
         'output',
@@ -101,6 +103,7 @@ LIVE_PARAMETERS = frozenset(
         'latched_interval',
         'save_directory',
         'save_name',
+        *LIVE_MAPPING,
     }
 )
 
