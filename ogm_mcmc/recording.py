@@ -38,7 +38,10 @@ class Recording:
         self.n_rays = 0  # beams, whether they say anything or not
         self.size = NOTHING  # of the window of these scans
         self.let_go = 0  # scans
-        self._window = None if sampler is None else RayWindow(sampler.window, sampler.model)
+        self._window: RayWindow | None = None
+        if sampler is not None:
+            margin = sampler.patch.window_margin
+            self._window = RayWindow(sampler.window, sampler.model, margin=margin)
         self._scans: deque[_Kept] = deque()
 
     def __len__(self) -> int:

@@ -129,9 +129,8 @@ class Refinement:
         return window.index.n_rays
 
     def _empty_window(self) -> RayWindow:
-        patch = self.config.patch
-        margin = 0 if patch.single_cells else patch.margin
-        return RayWindow(self.config.window, self.config.model, margin=margin)
+        config = self.config
+        return RayWindow(config.window, config.model, margin=config.patch.window_margin)
 
     def _model(self) -> PosteriorModel:
         chain, patch, width = self.config.chain, self.config.patch, self.window.spec.width

@@ -204,6 +204,11 @@ class PatchConfig:
         """Whether this is the sampler of independent cells ([gibbs])."""
         return self.prior == 'uniform' and self.size == 1
 
+    @property
+    def window_margin(self) -> int:
+        """Cells that the window needs beyond all rays."""
+        return 0 if self.single_cells else self.margin
+
 
 @dataclass(frozen=True)
 class SamplerConfig:

@@ -79,7 +79,7 @@ def _panel(title: str, path: Path) -> _Panel:
         left, bottom = (round(float(value) / resolution) for value in fields['origin'][:2])
         with Image.open(path.with_suffix('.png')) as opened:
             image = opened.convert('RGB')
-    except (OSError, KeyError, TypeError, ValueError, yaml.YAMLError) as error:
+    except (OSError, LookupError, TypeError, ValueError, ArithmeticError, yaml.YAMLError) as error:
         reason = ' '.join(str(error).split())
         raise MapFileError(f'{path}: expected a saved map and its PNG ({reason})') from error
     return _Panel(title, image, left, left + image.width, bottom, bottom + image.height)

@@ -134,12 +134,6 @@ class RayWindow:
         if rays is None:
             return 0
         first_ray = self.index.n_rays
-        box = CellBox(
-            box.column0 - self.margin,
-            box.row0 - self.margin,
-            box.column1 + self.margin,
-            box.row1 + self.margin,
-        )
         spec = self.spec.windowed(self.spec.box.union(box) if first_ray else box)
         at_most = self.index.n_pairs + int(_most_cells(rays).sum())
         self._check_memory(WindowSize(first_ray + rays.length.size, at_most, spec.box))
@@ -153,7 +147,7 @@ class RayWindow:
         rays = self._cast_one(scan, sensor)
         if rays.length.size == 0:
             return WindowSize(0, 0, CellBox(0, 0, 0, 0))
-        return WindowSize(rays.length.size, int(_most_cells(rays).sum()), _box_around(rays))
+        return WindowSize(rays.length.size, int(_most_cells(rays).sum()), self._box_around(rays))
 
     @property
     def most_bytes(self) -> float:
@@ -161,13 +155,13 @@ class RayWindow:
         return self.config.max_memory_mb * 1e6
 
     def _cast(self, placements: Iterable[tuple[Scan, Pose2D]]) -> tuple[BeamRays | None, CellBox]:
-        """Return the rays in lattice cells, and a box around all of them."""
+        """Return the rays in lattice cells, and a box around all of them and the margin."""
         parts, box = [], CellBox(0, 0, 0, 0)
         for scan, sensor in placements:
             rays = self._cast_one(scan, sensor)
             if rays.length.size:
                 parts.append(rays)
-                box = box.union(_box_around(rays))
+                box = box.union(self._box_around(rays))
         if not parts:
             return None, box
         return BeamRays(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True))), box
@@ -218,6 +212,16 @@ class RayWindow:
             np.full(n, reach),
         )
 
+    def _box_around(self, rays: BeamRays) -> CellBox:
+        end_x, end_y = rays.x + rays.length * rays.ux, rays.y + rays.length * rays.uy
+        column, row, margin = int(rays.column[0]), int(rays.row[0]), self.margin
+        return CellBox(
+            column + int(np.floor(min(0.0, end_x.min()))) - margin,
+            row + int(np.floor(min(0.0, end_y.min()))) - margin,
+            column + int(np.floor(max(0.0, end_x.max()))) + 1 + margin,
+            row + int(np.floor(max(0.0, end_y.max()))) + 1 + margin,
+        )
+
     def _check_memory(self, size: WindowSize) -> None:
         if size.n_bytes > self.most_bytes:
             raise WindowError(
@@ -233,17 +237,6 @@ def _most_cells(rays: BeamRays) -> AnyArray:
     up = np.abs(np.floor(rays.y + rays.length * rays.uy) - np.floor(rays.y))
     cells: AnyArray = (across + up).astype(np.int64) + 1
     return cells
-
-
-def _box_around(rays: BeamRays) -> CellBox:
-    end_x, end_y = rays.x + rays.length * rays.ux, rays.y + rays.length * rays.uy
-    column, row = int(rays.column[0]), int(rays.row[0])
-    return CellBox(
-        column + int(np.floor(min(0.0, end_x.min()))),
-        row + int(np.floor(min(0.0, end_y.min()))),
-        column + int(np.floor(max(0.0, end_x.max()))) + 1,
-        row + int(np.floor(max(0.0, end_y.max()))) + 1,
-    )
 
 
 def _empty_index() -> RayIndex:
