@@ -64,6 +64,9 @@ JUDGING_SHARE = 0.1
 # Fewer sweeps agree by chance.
 MIN_COUNTED = 64
 
+# A cell that is the same in all draws is shown if the prior alone seldom does that.
+SAME_BY_CHANCE = 0.05
+
 
 class Progress(NamedTuple):
     """How far sampling has come; `reason` says why it stopped, empty while it has not."""
@@ -399,13 +402,18 @@ def hide_uncertain(grid_map: GridMap, prior: float, margin: float, draws: int = 
     """Return a map with nan wherever it is no more certain than the prior.
 
     Certain is max(p, 1 - p); a cell is shown when it exceeds that of the prior by `margin`. For a
-    mean of so many `draws` it must also be further from the prior than chance takes a cell of
-    which no beam says anything: three standard errors, 3 sqrt(prior (1 - prior) / draws).
+    mean of so many `draws` it must also differ from the prior by more than chance makes a cell
+    differ of which no beam says anything: by three standard errors,
+    3 sqrt(prior (1 - prior) / draws), or by being the same in all of enough draws.
     """
     p = grid_map.probability
     limit = max(prior, 1.0 - prior) + margin
-    by_chance = 3.0 * np.sqrt(prior * (1.0 - prior) / draws) if draws > 0 else 0.0
     with np.errstate(invalid='ignore'):
         shown = np.maximum(p, np.float32(1.0) - p) > limit
-        shown &= np.abs(p - np.float32(prior)) > by_chance
+        if draws > 0:
+            by_chance = 3.0 * np.sqrt(prior * (1.0 - prior) / draws)
+            differs = np.abs(p - np.float32(prior)) > by_chance
+            differs |= (p == 0.0) & ((1.0 - prior) ** draws < SAME_BY_CHANCE)
+            differs |= (p == 1.0) & (prior**draws < SAME_BY_CHANCE)
+            shown &= differs
     return GridMap(grid_map.spec, np.where(shown, p, np.float32(np.nan)))

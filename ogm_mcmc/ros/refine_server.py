@@ -318,8 +318,7 @@ def _progress_values(progress: Any) -> dict[str, object]:
 def main(args: list[str] | None = None) -> None:
     """Run the node until Ctrl-C or SIGTERM."""
     with StopSignal() as told:
-        code = run_node(RefineServer, told.spin, args, SignalHandlerOptions.NO)
-    sys.exit(code)
+        sys.exit(run_node(RefineServer, told.spin, args, SignalHandlerOptions.NO))
 
 
 if __name__ == '__main__':

@@ -92,6 +92,8 @@ def run_node(
     except ConfigError as error:
         print(f'error: {error}', file=sys.stderr)
         return 2
+    except KeyboardInterrupt:
+        return 0
     node: Node | None = None
     try:
         node = make()

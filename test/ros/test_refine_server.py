@@ -344,7 +344,7 @@ def test_parameters_while_running(walks):
         client.wait_for(state='idle', stopped_because='sweeps', sweeps=70)
         known = (as_array(client.maps[-1]) >= 0).sum()
         assert client.set(
-            'unknown_margin', ParameterType.PARAMETER_DOUBLE, 'double_value', 0.14
+            'unknown_margin', ParameterType.PARAMETER_DOUBLE, 'double_value', 0.08
         ).successful
         observer.until(lambda: (as_array(client.maps[-1]) >= 0).sum() < known)
         assert client.set(
