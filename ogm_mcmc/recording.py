@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections import deque
+from collections.abc import Sequence
 from typing import NamedTuple
+
+import numpy as np
 
 from ogm_mcmc.config import RecordingConfig, SamplerConfig
 from ogm_mcmc.errors import GridError
@@ -11,7 +15,7 @@ from ogm_mcmc.geometry import CellBox
 from ogm_mcmc.placement import Placement
 from ogm_mcmc.sampling import RayWindow, WindowSize
 
-__all__ = ['Recording']
+__all__ = ['Recording', 'fingerprint']
 
 NS_PER_S = 1_000_000_000
 
@@ -111,3 +115,22 @@ class Recording:
 def _on_border(inner: CellBox, outer: CellBox) -> bool:
     """Whether a box might be smaller without another one in it."""
     return not inner.empty and any(a == b for a, b in zip(inner, outer, strict=True))
+
+
+def fingerprint(scans: Sequence[Placement]) -> str:
+    """Return a digest of everything in the scans and poses that decides the posterior."""
+    digest = hashlib.sha256()
+    for scan, belief in scans:
+        pose = belief.mean
+        numbers = (
+            scan.angle_min_rad,
+            scan.angle_increment_rad,
+            scan.range_min_m,
+            scan.range_max_m,
+            pose.x_m,
+            pose.y_m,
+            pose.yaw_rad,
+        )
+        digest.update(np.array(numbers, np.float64).tobytes())
+        digest.update(scan.ranges_m.tobytes())
+    return digest.hexdigest()

@@ -9,7 +9,6 @@ GridMap <--- posterior mean <--- PosteriorSampler.advance(sweeps) ... until a li
 
 from __future__ import annotations
 
-import hashlib
 import operator
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -33,7 +32,7 @@ from ogm_mcmc.io.map_files import replacing
 from ogm_mcmc.io.prior_files import default_prior_file, load_prior
 from ogm_mcmc.mapping import make_method
 from ogm_mcmc.placement import Placement
-from ogm_mcmc.recording import Recording
+from ogm_mcmc.recording import Recording, fingerprint
 from ogm_mcmc.sampling import (
     CellModel,
     ChainQuality,
@@ -42,6 +41,7 @@ from ogm_mcmc.sampling import (
     RayWindow,
     over_dispersed_starts,
 )
+from ogm_mcmc.sampling.estimates import hide_uncertain
 from ogm_mcmc.sampling.patch_gibbs import PatchModel
 from ogm_mcmc.sampling.patch_prior import PatchTable, make_table
 
@@ -49,7 +49,6 @@ __all__ = [
     'Progress',
     'Recording',
     'Refinement',
-    'fingerprint',
     'hide_uncertain',
     'live_map',
     'warm_up',
@@ -63,9 +62,6 @@ JUDGING_SHARE = 0.1
 
 # Fewer sweeps agree by chance.
 MIN_COUNTED = 64
-
-# A cell that is the same in all draws is shown if the prior alone seldom does that.
-SAME_BY_CHANCE = 0.05
 
 
 class Progress(NamedTuple):
@@ -309,25 +305,6 @@ class Refinement:
         return {**flatten(self.config), 'scans': len(self._taken)}
 
 
-def fingerprint(scans: Sequence[Placement]) -> str:
-    """Return a digest of everything in the scans and poses that decides the posterior."""
-    digest = hashlib.sha256()
-    for scan, belief in scans:
-        pose = belief.mean
-        numbers = (
-            scan.angle_min_rad,
-            scan.angle_increment_rad,
-            scan.range_min_m,
-            scan.range_max_m,
-            pose.x_m,
-            pose.y_m,
-            pose.yaw_rad,
-        )
-        digest.update(np.array(numbers, np.float64).tobytes())
-        digest.update(scan.ranges_m.tobytes())
-    return digest.hexdigest()
-
-
 def warm_up(config: SamplerConfig) -> int:
     """Compile, or load from the cache, every kernel the configuration needs.
 
@@ -396,24 +373,3 @@ def _cells_on(spec: GridSpec, grid: GridMap, threshold: float, elsewhere: float)
         known = np.nan_to_num(grid.probability[grid.spec.slices(common)], nan=elsewhere)
         cells[spec.slices(common)] = known >= threshold
     return cells.reshape(-1)
-
-
-def hide_uncertain(grid_map: GridMap, prior: float, margin: float, draws: int = 0) -> GridMap:
-    """Return a map with nan wherever it is no more certain than the prior.
-
-    Certain is max(p, 1 - p); a cell is shown when it exceeds that of the prior by `margin`. For a
-    mean of so many `draws` it must also differ from the prior by more than chance makes a cell
-    differ of which no beam says anything: by three standard errors,
-    3 sqrt(prior (1 - prior) / draws), or by being the same in all of enough draws.
-    """
-    p = grid_map.probability
-    limit = max(prior, 1.0 - prior) + margin
-    with np.errstate(invalid='ignore'):
-        shown = np.maximum(p, np.float32(1.0) - p) > limit
-        if draws > 0:
-            by_chance = 3.0 * np.sqrt(prior * (1.0 - prior) / draws)
-            differs = np.abs(p - np.float32(prior)) > by_chance
-            differs |= (p == 0.0) & ((1.0 - prior) ** draws < SAME_BY_CHANCE)
-            differs |= (p == 1.0) & (prior**draws < SAME_BY_CHANCE)
-            shown &= differs
-    return GridMap(grid_map.spec, np.where(shown, p, np.float32(np.nan)))

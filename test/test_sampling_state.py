@@ -9,7 +9,8 @@ from ogm_mcmc.config import ChainConfig, PatchConfig, SamplerConfig, StopConfig,
 from ogm_mcmc.errors import WindowError
 from ogm_mcmc.geometry import Pose2D, PoseBelief
 from ogm_mcmc.placement import Placement
-from ogm_mcmc.refinement import Refinement, fingerprint, hide_uncertain, warm_up
+from ogm_mcmc.recording import fingerprint
+from ogm_mcmc.refinement import Refinement, hide_uncertain, warm_up
 from ogm_mcmc.testing.strategies import fan
 
 CONFIG = SamplerConfig(window=WindowConfig(resolution=0.2), chain=ChainConfig(burn_in=20))
