@@ -25,7 +25,7 @@ setup(
         'numba>=0.60',
         'rosbags>=0.11',
         'PyYAML>=6.0',
-        'Pillow>=10.0',
+        'Pillow>=10.1',
         'tqdm>=4.64',
     ],
     extras_require={
@@ -59,6 +59,7 @@ setup(
         'console_scripts': [
             'ogm_mcmc = ogm_mcmc.cli.entry:main',
             'online_mapper = ogm_mcmc.ros.online_mapper:main',
+            'refine_server = ogm_mcmc.ros.refine_server:main',
             'replay = ogm_mcmc.ros.replay:main',
         ],
     },

@@ -10,9 +10,10 @@ GridMap <--- posterior mean <--- PosteriorSampler.advance(sweeps) ... until a li
 from __future__ import annotations
 
 import math
+import operator
 import time
-from collections import deque
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,17 +22,18 @@ import numpy as np
 from ogm_mcmc.arrays import Float32Array, UInt8Array
 from ogm_mcmc.config import (
     MapperConfig,
-    RecordingConfig,
     SamplerConfig,
     StopConfig,
     WindowConfig,
     flatten,
 )
 from ogm_mcmc.errors import ConfigError, GridError, WindowError
-from ogm_mcmc.geometry import GridMap, GridSpec
+from ogm_mcmc.geometry import GridMap, GridSpec, Pose2D, PoseBelief, Scan
+from ogm_mcmc.io.map_files import replacing
 from ogm_mcmc.io.prior_files import default_prior_file, load_prior
 from ogm_mcmc.mapping import make_method
 from ogm_mcmc.placement import Placement
+from ogm_mcmc.recording import Recording, fingerprint
 from ogm_mcmc.sampling import (
     CellModel,
     ChainQuality,
@@ -40,12 +42,18 @@ from ogm_mcmc.sampling import (
     RayWindow,
     over_dispersed_starts,
 )
+from ogm_mcmc.sampling.estimates import hide_uncertain
 from ogm_mcmc.sampling.patch_gibbs import PatchModel
 from ogm_mcmc.sampling.patch_prior import PatchTable, make_table
 
-__all__ = ['Progress', 'Recording', 'Refinement', 'hide_uncertain', 'live_map']
-
-NS_PER_S = 1_000_000_000
+__all__ = [
+    'Progress',
+    'Recording',
+    'Refinement',
+    'hide_uncertain',
+    'live_map',
+    'warm_up',
+]
 
 # Long enough that Python costs nothing, short enough that a stop is not waited for.
 ROUND_S = 0.1
@@ -55,41 +63,6 @@ JUDGING_SHARE = 0.1
 
 # Fewer sweeps agree by chance.
 MIN_COUNTED = 64
-
-
-class Recording:
-    """The most recent placed scans, within limits."""
-
-    def __init__(self, config: RecordingConfig) -> None:
-        self.config = config
-        self.n_rays = 0
-        self._scans: deque[Placement] = deque()
-
-    def __len__(self) -> int:
-        """Return the number of scans."""
-        return len(self._scans)
-
-    def add(self, placement: Placement) -> None:
-        """Keep a scan with the belief about its sensor's pose; the oldest go."""
-        config = self.config
-        self._scans.append(placement)
-        self.n_rays += placement.scan.ranges_m.size
-        oldest = placement.scan.stamp_ns - round(config.max_seconds * NS_PER_S)
-        while len(self._scans) > 1 and (
-            len(self._scans) > config.max_scans
-            or self.n_rays > config.max_rays
-            or (config.max_seconds > 0.0 and self._scans[0].scan.stamp_ns < oldest)
-        ):
-            self.n_rays -= self._scans.popleft().scan.ranges_m.size
-
-    def snapshot(self) -> list[Placement]:
-        """Return the scans as they are now."""
-        return list(self._scans)
-
-    def clear(self) -> None:
-        """Forget all scans."""
-        self._scans.clear()
-        self.n_rays = 0
 
 
 class Progress(NamedTuple):
@@ -163,9 +136,8 @@ class Refinement:
         return window.index.n_rays
 
     def _empty_window(self) -> RayWindow:
-        patch = self.config.patch
-        margin = 0 if patch.single_cells else patch.margin
-        return RayWindow(self.config.window, self.config.model, margin=margin)
+        config = self.config
+        return RayWindow(config.window, config.model, margin=config.patch.window_margin)
 
     def _model(self) -> PosteriorModel:
         chain, patch, width = self.config.chain, self.config.patch, self.window.spec.width
@@ -286,6 +258,40 @@ class Refinement:
             **figures,
         )
 
+    # -- to disk and back -------------------------------------------------------------------
+
+    def holds(self, scans: Sequence[Placement]) -> bool:
+        """Whether exactly these scans are being sampled: `run` then simply goes on."""
+        return len(scans) == len(self._taken) > 0 and all(map(operator.is_, scans, self._taken))
+
+    def save(self, path: Path) -> None:
+        """Write the chains, so that `resume` goes on as if nothing had happened.
+
+        Stored are every chain's map, counts and generator, the number of sweeps, the settings
+        and a fingerprint of the scans; not the scans themselves. Raises OutputError.
+        """
+        if self.sampler is None:
+            raise WindowError('nothing was sampled yet: no state to save')
+        with replacing(path) as temporary:
+            self.sampler.save(temporary, self._identity())
+
+    def resume(self, path: Path) -> None:
+        """Go on from a saved state instead of the start that `take` made.
+
+        Raises WindowError, with nothing changed, when the file is no such file, or was written
+        for other scans or settings.
+        """
+        if self.sampler is None:
+            raise WindowError('no scan was taken: take those of the saved state first')
+        sampler, saved = PosteriorSampler.load(path, self.sampler.model)
+        different = [key for key, value in self._identity().items() if saved.get(key) != value]
+        if different:
+            raise WindowError(f'{path}: expected a state of these scans; other {different[0]}')
+        self.sampler, self.quality, self._summary = sampler, None, None
+
+    def _identity(self) -> dict[str, Any]:
+        return {**self.settings(), 'fingerprint': fingerprint(self._taken)}
+
     # -- maps out ---------------------------------------------------------------------------
 
     def map(self) -> GridMap:
@@ -305,6 +311,28 @@ class Refinement:
     def settings(self) -> dict[str, Any]:
         """Return what decided the samples: results carry it."""
         return {**flatten(self.config), 'scans': len(self._taken)}
+
+
+def warm_up(config: SamplerConfig) -> int:
+    """Compile, or load from the cache, every kernel the configuration needs.
+
+    Returns the sweeps done on a window of one scan.
+    """
+    reach = 4.0 * config.window.resolution
+    scan = Scan.checked(
+        np.array([0.5, np.inf], np.float32) * np.float32(reach),
+        angle_min_rad=0.1,
+        angle_increment_rad=1.0,
+        range_min_m=0.0,
+        range_max_m=reach,
+    )
+    first, second = (Placement(scan, PoseBelief(Pose2D(x, 0.0))) for x in (0.0, reach))
+    refinement = Refinement(replace(config, window=replace(config.window, beam_stride=1)))
+    # The second time extends the index, which takes one kernel more.
+    for scans in ([first], [first, second]):
+        refinement.take(scans)
+        done = list(refinement.run(StopConfig(max_sweeps=config.chain.burn_in + 1)))
+    return done[-1].sweeps
 
 
 def live_map(scans: Sequence[Placement], window: WindowConfig) -> GridMap:
@@ -358,15 +386,3 @@ def _check_lattice(spec: GridSpec, grid: GridMap) -> None:
             f'({grid.spec.anchor_x_m:g}, {grid.spec.anchor_y_m:g}): expected '
             f'{spec.resolution_m:g} m at ({spec.anchor_x_m:g}, {spec.anchor_y_m:g})'
         )
-
-
-def hide_uncertain(grid_map: GridMap, prior: float, margin: float) -> GridMap:
-    """Return a map with nan wherever it is no more certain than the prior.
-
-    Certain is max(p, 1 - p); a cell is shown when it exceeds that of the prior by `margin`.
-    """
-    p = grid_map.probability
-    limit = max(prior, 1.0 - prior) + margin
-    with np.errstate(invalid='ignore'):
-        shown = np.maximum(p, np.float32(1.0) - p) > limit
-    return GridMap(grid_map.spec, np.where(shown, p, np.float32(np.nan)))

@@ -24,6 +24,7 @@ from ogm_mcmc.config.sampling import (
     SamplerConfig,
     StopConfig,
     WindowConfig,
+    check_limits,
 )
 from ogm_mcmc.config.settings import (
     Setting,
@@ -64,6 +65,7 @@ __all__ = [
     'add_arguments',
     'build',
     'check_bounds',
+    'check_limits',
     'flatten',
     'given',
     'read_parameter_file',

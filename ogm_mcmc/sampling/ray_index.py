@@ -15,7 +15,7 @@ from ogm_mcmc.geometry import CellBox, GridSpec, Pose2D, Scan, cast_rays
 from ogm_mcmc.sampling.ray_index_kernels import file_rays, spread_pairs, trace_rays
 from ogm_mcmc.sensors.forward_model import ForwardModel
 
-__all__ = ['BeamRays', 'RayIndex', 'RayWindow']
+__all__ = ['BeamRays', 'RayIndex', 'RayWindow', 'WindowSize']
 
 # A position on a ray is a uint16, and the last one stands for "nothing".
 MAX_POSITIONS = 65_000
@@ -88,6 +88,25 @@ class RayIndex(NamedTuple):
         return touched
 
 
+class WindowSize(NamedTuple):
+    """Rays, the most pairs of a ray and a cell, and a box around all cells."""
+
+    rays: int
+    pairs: int
+    box: CellBox
+
+    def with_more(self, other: WindowSize) -> WindowSize:
+        """Return the size of a window of both."""
+        return WindowSize(
+            self.rays + other.rays, self.pairs + other.pairs, self.box.union(other.box)
+        )
+
+    @property
+    def n_bytes(self) -> int:
+        """Memory of an index of this size."""
+        return 15 * self.pairs + 28 * self.rays + 12 * self.box.n_cells
+
+
 class RayWindow:
     """Recorded scans as an index of rays that can grow.
 
@@ -115,28 +134,34 @@ class RayWindow:
         if rays is None:
             return 0
         first_ray = self.index.n_rays
-        box = CellBox(
-            box.column0 - self.margin,
-            box.row0 - self.margin,
-            box.column1 + self.margin,
-            box.row1 + self.margin,
-        )
         spec = self.spec.windowed(self.spec.box.union(box) if first_ray else box)
         at_most = self.index.n_pairs + int(_most_cells(rays).sum())
-        self._check_memory(at_most, first_ray + rays.length.size, spec.width * spec.height)
+        self._check_memory(WindowSize(first_ray + rays.length.size, at_most, spec.box))
         rays = rays._replace(column=rays.column - spec.column0, row=rays.row - spec.row0)
         self.index = _extended(self.index, self.spec, spec, rays, self.model)
         self.spec = spec
         return int(rays.length.size)
 
+    def size_of(self, scan: Scan, sensor: Pose2D) -> WindowSize:
+        """Return what a scan adds to a window; raises GridError for a ray that is too long."""
+        rays = self._cast_one(scan, sensor)
+        if rays.length.size == 0:
+            return WindowSize(0, 0, CellBox(0, 0, 0, 0))
+        return WindowSize(rays.length.size, int(_most_cells(rays).sum()), self._box_around(rays))
+
+    @property
+    def most_bytes(self) -> float:
+        """The memory that the index may take."""
+        return self.config.max_memory_mb * 1e6
+
     def _cast(self, placements: Iterable[tuple[Scan, Pose2D]]) -> tuple[BeamRays | None, CellBox]:
-        """Return the rays in lattice cells, and a box around all of them."""
+        """Return the rays in lattice cells, and a box around all of them and the margin."""
         parts, box = [], CellBox(0, 0, 0, 0)
         for scan, sensor in placements:
             rays = self._cast_one(scan, sensor)
             if rays.length.size:
                 parts.append(rays)
-                box = box.union(_box_around(rays))
+                box = box.union(self._box_around(rays))
         if not parts:
             return None, box
         return BeamRays(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True))), box
@@ -192,13 +217,22 @@ class RayWindow:
             np.full(n, reach),
         )
 
-    def _check_memory(self, pairs: int, n_rays: int, n_cells: int) -> None:
-        needed = 15 * pairs + 28 * n_rays + 12 * n_cells
-        limit = self.config.max_memory_mb
-        if needed > limit * 1e6:
+    def _box_around(self, rays: BeamRays) -> CellBox:
+        end_x, end_y = rays.x + rays.length * rays.ux, rays.y + rays.length * rays.uy
+        column, row, margin = int(rays.column[0]), int(rays.row[0]), self.margin
+        return CellBox(
+            column + int(np.floor(min(0.0, end_x.min()))) - margin,
+            row + int(np.floor(min(0.0, end_y.min()))) - margin,
+            column + int(np.floor(max(0.0, end_x.max()))) + 1 + margin,
+            row + int(np.floor(max(0.0, end_y.max()))) + 1 + margin,
+        )
+
+    def _check_memory(self, size: WindowSize) -> None:
+        if size.n_bytes > self.most_bytes:
             raise WindowError(
-                f'{n_rays} rays need {needed / 1e6:.0f} MB: expected at most max_memory_mb = '
-                f'{limit:g}; use fewer scans, a larger beam_stride, resolution or cut_sigma'
+                f'{size.rays} rays need {size.n_bytes / 1e6:.0f} MB: expected at most '
+                f'max_memory_mb = {self.config.max_memory_mb:g}; use fewer scans, a larger '
+                'beam_stride, resolution or cut_sigma'
             )
 
 
@@ -208,17 +242,6 @@ def _most_cells(rays: BeamRays) -> AnyArray:
     up = np.abs(np.floor(rays.y + rays.length * rays.uy) - np.floor(rays.y))
     cells: AnyArray = (across + up).astype(np.int64) + 1
     return cells
-
-
-def _box_around(rays: BeamRays) -> CellBox:
-    end_x, end_y = rays.x + rays.length * rays.ux, rays.y + rays.length * rays.uy
-    column, row = int(rays.column[0]), int(rays.row[0])
-    return CellBox(
-        column + int(np.floor(min(0.0, end_x.min()))),
-        row + int(np.floor(min(0.0, end_y.min()))),
-        column + int(np.floor(max(0.0, end_x.max()))) + 1,
-        row + int(np.floor(max(0.0, end_y.max()))) + 1,
-    )
 
 
 def _empty_index() -> RayIndex:
