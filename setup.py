@@ -25,7 +25,7 @@ setup(
         'numba>=0.60',
         'rosbags>=0.11',
         'PyYAML>=6.0',
-        'Pillow>=10.0',
+        'Pillow>=10.1',
         'tqdm>=4.64',
     ],
     extras_require={
@@ -37,11 +37,13 @@ setup(
         'cluster': ['distributed>=2024.1'],
         'test': [
             'pytest>=7.4',
-            'scipy>=1.11',
-            'scikit-learn>=1.3',
             'hypothesis>=6.90',
             'matplotlib>=3.7',
+            'scipy>=1.11',
+            'scikit-learn>=1.3',
             'distributed>=2024.1',
+            'ruff>=0.9',
+            'mypy>=1.10',
             'import-linter>=2.0',
             'types-PyYAML',
             'types-tqdm',
@@ -60,6 +62,7 @@ setup(
         'console_scripts': [
             'ogm_mcmc = ogm_mcmc.cli.entry:main',
             'online_mapper = ogm_mcmc.ros.online_mapper:main',
+            'refine_server = ogm_mcmc.ros.refine_server:main',
             'replay = ogm_mcmc.ros.replay:main',
         ],
     },

@@ -7,10 +7,14 @@ what                      where                                source
 ========================  ===================================  =============================
 live map, known pose      `ogm_mcmc.mapping.two_assumption`    [gibbs] section II, [slides]
 live map, uncertain pose  `ogm_mcmc.mapping.pose_uncertain`    [pose] section V
+adaptive resolution       `ogm_mcmc.mapping.adaptive`          [pose] section VI
+predicted cells           `ogm_mcmc.mapping.random_field`      [field]
 reflection probabilities  `ogm_mcmc.mapping.counting`          [slides]
 maps from sonars          `ogm_mcmc.mapping.sonar`             [slides]
 inverse sensor models     `ogm_mcmc.sensors.inverse_model`     [pose] Eq. 4, [slides]
 exact ray traversal       `ogm_mcmc.geometry`                  none, see its design note
+full posterior            `ogm_mcmc.refinement`                [gibbs] section III, [patch]
+full posterior, live      `ogm_mcmc.ros.refine_server`         node `refine_server`
 learned patch priors      `ogm_mcmc.sampling.patch_prior`      [patch] section III
 joint patch prior         `ogm_mcmc.sampling.patch_field`      none, see its docstring
 divergence, scores, ...   `ogm_mcmc.evaluation`                [gibbs] and [patch] section IV

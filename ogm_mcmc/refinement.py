@@ -9,9 +9,11 @@ GridMap <--- posterior mean <--- PosteriorSampler.advance(sweeps) ... until a li
 
 from __future__ import annotations
 
+import math
+import operator
 import time
-from collections import deque
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -20,17 +22,18 @@ import numpy as np
 from ogm_mcmc.arrays import Float32Array, UInt8Array
 from ogm_mcmc.config import (
     MapperConfig,
-    RecordingConfig,
     SamplerConfig,
     StopConfig,
     WindowConfig,
     flatten,
 )
 from ogm_mcmc.errors import ConfigError, GridError, WindowError
-from ogm_mcmc.geometry import GridMap, GridSpec
+from ogm_mcmc.geometry import GridMap, GridSpec, Pose2D, PoseBelief, Scan
+from ogm_mcmc.io.map_files import replacing
 from ogm_mcmc.io.prior_files import default_prior_file, load_prior
 from ogm_mcmc.mapping import make_method
 from ogm_mcmc.placement import Placement
+from ogm_mcmc.recording import Recording, fingerprint
 from ogm_mcmc.sampling import (
     CellModel,
     ChainQuality,
@@ -39,53 +42,24 @@ from ogm_mcmc.sampling import (
     RayWindow,
     over_dispersed_starts,
 )
+from ogm_mcmc.sampling.estimates import hide_uncertain
 from ogm_mcmc.sampling.patch_gibbs import PatchModel
 from ogm_mcmc.sampling.patch_prior import PatchTable, make_table
 
-__all__ = ['Progress', 'Recording', 'Refinement', 'hide_uncertain', 'live_map']
-
-NS_PER_S = 1_000_000_000
+__all__ = [
+    'Progress',
+    'Recording',
+    'Refinement',
+    'hide_uncertain',
+    'live_map',
+    'warm_up',
+]
 
 # Judging chains takes a look at every batch of every cell: at most this share of the time.
 JUDGING_SHARE = 0.1
 
 # Fewer sweeps agree by chance.
 MIN_COUNTED = 64
-
-
-class Recording:
-    """The most recent placed scans, within limits."""
-
-    def __init__(self, config: RecordingConfig) -> None:
-        self.config = config
-        self.n_rays = 0
-        self._scans: deque[Placement] = deque()
-
-    def __len__(self) -> int:
-        """Return the number of scans."""
-        return len(self._scans)
-
-    def add(self, placement: Placement) -> None:
-        """Keep a scan with the belief about its sensor's pose; the oldest go."""
-        config = self.config
-        self._scans.append(placement)
-        self.n_rays += placement.scan.ranges_m.size
-        oldest = placement.scan.stamp_ns - round(config.max_seconds * NS_PER_S)
-        while len(self._scans) > 1 and (
-            len(self._scans) > config.max_scans
-            or self.n_rays > config.max_rays
-            or (config.max_seconds > 0.0 and self._scans[0].scan.stamp_ns < oldest)
-        ):
-            self.n_rays -= self._scans.popleft().scan.ranges_m.size
-
-    def snapshot(self) -> list[Placement]:
-        """Return the scans as they are now."""
-        return list(self._scans)
-
-    def clear(self) -> None:
-        """Forget all scans."""
-        self._scans.clear()
-        self.n_rays = 0
 
 
 class Progress(NamedTuple):
@@ -103,11 +77,14 @@ class Progress(NamedTuple):
     reason: str = ''
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON."""
-        return {
-            key: round(value, 6) if isinstance(value, float) else value
-            for key, value in self._asdict().items()
-        }
+        """Return plain values for JSON, which knows no infinity: None for what is not known."""
+
+        def plain(value: Any) -> Any:
+            if not isinstance(value, float):
+                return value
+            return round(value, 6) if math.isfinite(value) else None
+
+        return {key: plain(value) for key, value in self._asdict().items()}
 
 
 class Refinement:
@@ -119,6 +96,7 @@ class Refinement:
     def __init__(self, config: SamplerConfig) -> None:
         self.config = config
         self._taken: list[Placement] = []
+        self._times_taken = 0
         self.window = self._empty_window()
         self._table = _patch_table(config)
         self.sampler: PosteriorSampler | None = None
@@ -137,6 +115,8 @@ class Refinement:
         """
         if not scans:
             raise WindowError('no scan was recorded: expected at least one')
+        if start is not None:
+            _check_lattice(self.window.spec, start)
         known = len(self._taken)
         extends = 0 < known <= len(scans) and all(
             old is new for old, new in zip(self._taken, scans[:known], strict=True)
@@ -148,13 +128,13 @@ class Refinement:
         if window.index.n_rays == 0:
             raise WindowError(f'no beam of {len(scans)} scans says anything: nothing to sample')
         self.window, self._taken = window, list(scans)
+        self._times_taken += 1
         self._begin(start, warm)
         return window.index.n_rays
 
     def _empty_window(self) -> RayWindow:
-        patch = self.config.patch
-        margin = 0 if patch.single_cells else patch.margin
-        return RayWindow(self.config.window, self.config.model, margin=margin)
+        config = self.config
+        return RayWindow(config.window, config.model, margin=config.patch.window_margin)
 
     def _model(self) -> PosteriorModel:
         chain, patch, width = self.config.chain, self.config.patch, self.window.spec.width
@@ -187,8 +167,8 @@ class Refinement:
                 chain.seed,
                 _cells_on(spec, live, 0.5, 1.0) == 0,
             )
-        # After a warm start another stream of random numbers, or the chains would repeat it.
-        seed = chain.seed + len(self._taken) if warm else chain.seed
+        # After a warm start another stream of random numbers, or the chains would repeat one.
+        seed: int | list[int] = [chain.seed, self._times_taken] if warm else chain.seed
         self.sampler = PosteriorSampler(model, starts, seed=seed, burn_in=chain.burn_in)
         self.quality, self._summary = None, None
 
@@ -213,10 +193,11 @@ class Refinement:
         """
         if self.sampler is None:
             raise WindowError('no scan was taken: nothing to sample')
-        if self.config.chain.burn_in >= stop.max_sweeps:
+        # Chains that go on may have their burn-in behind them.
+        if self.sampler.burn_in >= self.sampler.sweeps + stop.max_sweeps:
             raise ConfigError(
                 f'max_sweeps is {stop.max_sweeps}: expected more than burn_in '
-                f'({self.config.chain.burn_in}), or no sweep counts'
+                f'({self.sampler.burn_in}), or no sweep counts'
             )
         return self._rounds(self.sampler, stop, cancelled)
 
@@ -276,6 +257,40 @@ class Refinement:
             **figures,
         )
 
+    # -- to disk and back -------------------------------------------------------------------
+
+    def holds(self, scans: Sequence[Placement]) -> bool:
+        """Whether exactly these scans are being sampled: `run` then simply goes on."""
+        return len(scans) == len(self._taken) > 0 and all(map(operator.is_, scans, self._taken))
+
+    def save(self, path: Path) -> None:
+        """Write the chains, so that `resume` goes on as if nothing had happened.
+
+        Stored are every chain's map, counts and generator, the number of sweeps, the settings
+        and a fingerprint of the scans; not the scans themselves. Raises OutputError.
+        """
+        if self.sampler is None:
+            raise WindowError('nothing was sampled yet: no state to save')
+        with replacing(path) as temporary:
+            self.sampler.save(temporary, self._identity())
+
+    def resume(self, path: Path) -> None:
+        """Go on from a saved state instead of the start that `take` made.
+
+        Raises WindowError, with nothing changed, when the file is no such file, or was written
+        for other scans or settings.
+        """
+        if self.sampler is None:
+            raise WindowError('no scan was taken: take those of the saved state first')
+        sampler, saved = PosteriorSampler.load(path, self.sampler.model)
+        different = [key for key, value in self._identity().items() if saved.get(key) != value]
+        if different:
+            raise WindowError(f'{path}: expected a state of these scans; other {different[0]}')
+        self.sampler, self.quality, self._summary = sampler, None, None
+
+    def _identity(self) -> dict[str, Any]:
+        return {**self.settings(), 'fingerprint': fingerprint(self._taken)}
+
     # -- maps out ---------------------------------------------------------------------------
 
     def map(self) -> GridMap:
@@ -295,6 +310,28 @@ class Refinement:
     def settings(self) -> dict[str, Any]:
         """Return what decided the samples: results carry it."""
         return {**flatten(self.config), 'scans': len(self._taken)}
+
+
+def warm_up(config: SamplerConfig) -> int:
+    """Compile, or load from the cache, every kernel the configuration needs.
+
+    Returns the sweeps done on a window of one scan.
+    """
+    reach = 4.0 * config.window.resolution
+    scan = Scan.checked(
+        np.array([0.5, np.inf], np.float32) * np.float32(reach),
+        angle_min_rad=0.1,
+        angle_increment_rad=1.0,
+        range_min_m=0.0,
+        range_max_m=reach,
+    )
+    first, second = (Placement(scan, PoseBelief(Pose2D(x, 0.0))) for x in (0.0, reach))
+    refinement = Refinement(replace(config, window=replace(config.window, beam_stride=1)))
+    # The second time extends the index, which takes one kernel more.
+    for scans in ([first], [first, second]):
+        refinement.take(scans)
+        done = list(refinement.run(StopConfig(max_sweeps=config.chain.burn_in + 1)))
+    return done[-1].sweeps
 
 
 def live_map(scans: Sequence[Placement], window: WindowConfig) -> GridMap:
@@ -326,6 +363,17 @@ def _cells_on(spec: GridSpec, grid: GridMap, threshold: float, elsewhere: float)
 
     Cells that `grid` does not know have the probability `elsewhere`.
     """
+    _check_lattice(spec, grid)
+    cells = np.full((spec.height, spec.width), elsewhere >= threshold, np.uint8)
+    common = spec.box.intersection(grid.spec.box)
+    if not common.empty:
+        known = np.nan_to_num(grid.probability[grid.spec.slices(common)], nan=elsewhere)
+        cells[spec.slices(common)] = known >= threshold
+    return cells.reshape(-1)
+
+
+def _check_lattice(spec: GridSpec, grid: GridMap) -> None:
+    """Raise GridError unless the cells of `grid` are those of a window's lattice."""
     same = (
         grid.spec.resolution_m == spec.resolution_m
         and grid.spec.anchor_x_m == spec.anchor_x_m
@@ -337,21 +385,3 @@ def _cells_on(spec: GridSpec, grid: GridMap, threshold: float, elsewhere: float)
             f'({grid.spec.anchor_x_m:g}, {grid.spec.anchor_y_m:g}): expected '
             f'{spec.resolution_m:g} m at ({spec.anchor_x_m:g}, {spec.anchor_y_m:g})'
         )
-    cells = np.full((spec.height, spec.width), elsewhere >= threshold, np.uint8)
-    common = spec.box.intersection(grid.spec.box)
-    if not common.empty:
-        known = np.nan_to_num(grid.probability[grid.spec.slices(common)], nan=elsewhere)
-        cells[spec.slices(common)] = known >= threshold
-    return cells.reshape(-1)
-
-
-def hide_uncertain(grid_map: GridMap, prior: float, margin: float) -> GridMap:
-    """Return a map with nan wherever it is no more certain than the prior.
-
-    Certain is max(p, 1 - p); a cell is shown when it exceeds that of the prior by `margin`.
-    """
-    p = grid_map.probability
-    limit = max(prior, 1.0 - prior) + margin
-    with np.errstate(invalid='ignore'):
-        shown = np.maximum(p, np.float32(1.0) - p) > limit
-    return GridMap(grid_map.spec, np.where(shown, p, np.float32(np.nan)))

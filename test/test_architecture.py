@@ -12,7 +12,7 @@ import ogm_mcmc
 
 # `ogm_mcmc.ros` needs ROS, but what it is configured with does not; `testing.ros` is its twin.
 NEEDS_ROS = ('ogm_mcmc.ros.', 'ogm_mcmc.testing.ros')
-WITHOUT_ROS = ('ogm_mcmc.ros.settings',)
+WITHOUT_ROS = ('ogm_mcmc.ros.refine_worker', 'ogm_mcmc.ros.settings')
 
 MODULES = sorted(module.name for module in pkgutil.walk_packages(ogm_mcmc.__path__, 'ogm_mcmc.'))
 CORE = [

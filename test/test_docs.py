@@ -7,7 +7,6 @@ import pytest
 import yaml
 
 from ogm_mcmc.config import settings_of
-from ogm_mcmc.ros.settings import NODE_CONFIGS
 from ogm_mcmc.testing import parameter_table
 
 LINK = re.compile(r'!?\[[^\]]*\]\(([^)\s]+)\)')
@@ -39,20 +38,27 @@ def test_parameter_page_is_made_from_the_code(repository):
     assert text == parameter_table.page(), 'make it anew, see its first line'
 
 
-def test_parameter_file_is_made_from_the_code(repository):
-    text = (repository / 'config' / 'online_mapper.yaml').read_text(encoding='utf-8')
-    assert text == parameter_table.parameter_file(), 'make it anew, see its first line'
+@pytest.mark.parametrize('node', parameter_table.NODES)
+def test_parameter_files_are_made_from_the_code(repository, node):
+    text = (repository / 'config' / f'{node}.yaml').read_text(encoding='utf-8')
+    assert text == parameter_table.parameter_file(node), 'make it anew, see its first line'
 
 
-def test_parameter_file_holds_every_default():
-    held = yaml.safe_load(parameter_table.parameter_file())['/**']['ros__parameters']
-    for config in NODE_CONFIGS:
+@pytest.mark.parametrize('node', parameter_table.NODES)
+def test_parameter_files_hold_every_default(node):
+    held = yaml.safe_load(parameter_table.parameter_file(node))['/**']['ros__parameters']
+    configs, live = parameter_table.NODES[node]
+    names = set()
+    for config in configs:
         for leaf in settings_of(config):
             value = held
             for part in leaf.name.split('.'):
                 value = value[part]
             assert value == leaf.default
             assert type(value) is leaf.type, f'{leaf.name}: ROS would refuse {value!r}'
+            assert leaf.name not in names, f'{leaf.name} is declared twice'
+            names.add(leaf.name)
+    assert live <= names
 
 
 def test_versions_agree(repository):

@@ -77,7 +77,9 @@ def test_pip_installs_every_module_and_the_scripts(clean_copy, tmp_path, office_
     found = Path(run(sys.executable, '-S', '-c', prior, cwd=tmp_path, PYTHONPATH=path).strip())
     assert found == tmp_path / 'venv' / 'share' / 'ogm_mcmc' / 'priors' / 'buildings.npz'
     scripts = tmp_path / 'venv' / 'bin'
-    assert {'ogm_mcmc', 'online_mapper', 'replay'} <= {item.name for item in scripts.iterdir()}
+    assert {'ogm_mcmc', 'online_mapper', 'refine_server', 'replay'} <= {
+        item.name for item in scripts.iterdir()
+    }
     command = ('map', office_bag, '-o', tmp_path / 'map')
     run(sys.executable, scripts / 'ogm_mcmc', *command, cwd=tmp_path, PYTHONPATH=path)
     assert (tmp_path / 'map' / 'map.yaml').is_file()
@@ -99,8 +101,9 @@ def test_colcon_builds_and_the_executables_run(clean_copy, tmp_path, office_bag)
     assert modules_of(clean_copy) == modules_of(next(install.glob('lib/python3*/site-packages')))
     share = install / 'share' / 'ogm_mcmc'
     assert (share / 'package.xml').is_file()
-    assert (share / 'config' / 'online_mapper.yaml').is_file()
-    assert (share / 'launch' / 'online_mapper.launch.py').is_file()
+    for node in ('online_mapper', 'refine_server'):
+        assert (share / 'config' / f'{node}.yaml').is_file()
+        assert (share / 'launch' / f'{node}.launch.py').is_file()
     assert (share / 'priors' / 'buildings.npz').is_file()
     assert (install / 'share/ament_index/resource_index/packages/ogm_mcmc').is_file()
 

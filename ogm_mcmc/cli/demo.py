@@ -1,7 +1,10 @@
 """`demo [INPUT]`: the main job end to end, with the real nodes in processes of their own.
 
-INPUT (a CARMEN log or a bag; a simulated building when none is named) -> `replay` -> DDS ->
-`online_mapper` -> `~/save_map` -> DIR/map.pgm, map.yaml, map.png.
+INPUT (a CARMEN log or a bag; a simulated building when none is named) -> `replay` -> DDS -+
+                                                                                          |
+`online_mapper` -> `~/save_map` -> DIR/map.pgm, map.yaml, map.png                       <-+
+`refine_server` -> `~/refine` -> `~/save_map` -> DIR/map_refined.pgm, .yaml, .png       <-+
+both side by side                             -> DIR/maps.png
 """
 
 from __future__ import annotations
@@ -13,51 +16,42 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any
 
-import numpy as np
+from tqdm import tqdm
 
-from ogm_mcmc.cli.import_carmen import describe
+from ogm_mcmc.cli.demo_input import DemoInput, prepare
 from ogm_mcmc.cli.options import Subparsers, add_config_options, config_from, print_result
-from ogm_mcmc.config import MapperConfig, given
-from ogm_mcmc.errors import BagError, ConfigError, LogError, OgmError
-from ogm_mcmc.io import messages, ros_types
-from ogm_mcmc.io.bags import BagReader
-from ogm_mcmc.io.carmen_import import ImportOptions, import_carmen
+from ogm_mcmc.config import MapperConfig, StopConfig, given
+from ogm_mcmc.errors import BagError, ConfigError, OgmError
 from ogm_mcmc.io.map_files import writable_folder
-from ogm_mcmc.io.recording_bag import write_recording
-from ogm_mcmc.simulation import WORLDS, Lidar, record
+from ogm_mcmc.io.map_sheet import save_side_by_side
 
 __all__ = ['add_to']
 
-NODE_START_S = 60.0  # compiling all kernels on a slow machine
+NODE_START_S = 120.0  # compiling all kernels on a slow machine
 SERVICE_S = 30.0
-BAG_SUFFIXES = ('.bag', '.mcap', '.db3')
+INDEXING_S = 60.0  # beside the time for sampling
 
-
-class DemoInput(NamedTuple):
-    """A bag to replay and what the mapper has to be told about it."""
-
-    bag: Path
-    from_log: bool
-    scan_topic: str
-    pose_topic: str
-    pose_source: str
-    map_frame: str
-    n_messages: int
+# So many rays are swept often enough in the time that a demo may take.
+MOST_RAYS = 100_000
+BURN_IN = 20
 
 
 def add_to(subparsers: Subparsers) -> None:
     """Declare the command."""
-    parser = subparsers.add_parser('demo', help='replay a log, bag or simulation into the mapper')
+    parser = subparsers.add_parser(
+        'demo', help='replay a log, bag or simulation into the nodes, then refine the map'
+    )
     parser.add_argument('input', nargs='?', type=Path, help='CARMEN log or bag')
     parser.add_argument(
         '-o', dest='folder', type=Path, default=Path('out/demo'), metavar='DIR', help='output'
     )
+    parser.add_argument('--rate', type=float, default=0.0, help='0: as fast as the nodes take it')
     parser.add_argument(
-        '--rate', type=float, default=0.0, help='0: as fast as the mapper takes it'
+        '--sampling-time', type=float, default=10.0, metavar='S', help='time for ~/refine, s'
     )
     parser.add_argument('--json', action='store_true', help='print the result as JSON')
     add_config_options(parser, 'mapping', MapperConfig)
@@ -72,102 +66,146 @@ def run(options: argparse.Namespace) -> int:
         raise ConfigError(
             f'the demo needs rclpy ({error}): pip install "ogm_mcmc[ros]", or source a ROS 2 setup'
         ) from error
-    config_from(options, MapperConfig)  # wrong values are refused before anything starts
+    # Wrong values are refused before anything starts.
+    config_from(options, MapperConfig)
+    StopConfig(max_time=options.sampling_time)
     folder = writable_folder(options.folder).absolute()
     with tempfile.TemporaryDirectory(prefix='ogm_mcmc-') as scratch:
-        source = _prepare(options.input, folder, Path(scratch))
+        source = prepare(options.input, folder)
+        os.environ.update(
+            {
+                # The demo stays on this machine and out of the way of other nodes on it.
+                'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+                'ROS_LOG_DIR': os.environ.get('ROS_LOG_DIR', scratch),
+            }
+        )
         namespace = f'/ogm_mcmc_demo_{os.getpid()}'
-        environment = {
-            **os.environ,
-            # The demo stays on this machine and out of the way of other nodes on it.
-            'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-            'ROS_LOG_DIR': os.environ.get('ROS_LOG_DIR', scratch),
-        }
-        os.environ.update(environment)
-        with (
-            DemoClient(namespace) as client,
-            _process(
-                'online_mapper', _mapper_arguments(options, source, folder, namespace)
-            ) as node,
-        ):
-            client.wait_for_mapper(NODE_START_S, lambda: node.poll() is None)
-            with _process('replay', _replay_arguments(options, source, namespace)) as player:
-                client.spin_while(lambda: player.poll() is None and node.poll() is None)
-                if player.returncode:
-                    raise BagError(f'{source.bag}: replay ended with code {player.returncode}')
-            if node.poll() is not None:
-                raise OgmError(f'online_mapper ended during replay, code {node.returncode}')
-            saved = client.save_map(SERVICE_S)
-            client.wait_for_map(SERVICE_S)
-            report = client.report()
-    result = {'input': str(options.input or 'simulated office'), 'saved': saved, **report}
+        with DemoClient(namespace) as client:
+            result = _map_and_refine(options, source, folder, client)
+    result = {'input': str(options.input or 'simulated office'), **result}
     print_result(options, result, _text(result))
     return 0
 
 
-def _prepare(path: Path | None, folder: Path, scratch: Path) -> DemoInput:
-    """Turn whatever was named into a bag, and look into it."""
-    from_log = False
-    if path is None:
-        bag_path = folder / 'recording'
-        count = write_recording(
-            bag_path, record(WORLDS['office'](), Lidar(), np.random.default_rng(1)), overwrite=True
-        )
-        print(f'simulated office: {count} scans -> {bag_path}', file=sys.stderr)
-    elif path.is_dir() or path.suffix in BAG_SUFFIXES:
-        bag_path = path
-    else:
-        bag_path, from_log = folder / 'recording', True
-        if not path.exists():
-            raise LogError(f'{path}: no such file; expected a CARMEN log or a bag')
-        print(
-            describe(import_carmen(path, bag_path, ImportOptions(), overwrite=True)),
-            file=sys.stderr,
-        )
-    with BagReader(bag_path) as bag:
-        scan = bag.find('scans', (ros_types.SCAN,))
-        try:
-            pose, source = bag.find('poses', (ros_types.POSE,)), 'pose'
-        except BagError:
-            pose, source = bag.find('poses', (ros_types.POSE, ros_types.PARTICLES)), 'particles'
-        first = next(bag.records((pose.name,)), None)
-        if first is None:
-            raise BagError(f'{bag_path}: no message on {pose.name}, although its index names some')
-        frame = messages.frame_of(bag.decode(first))
-    total = scan.n_messages + pose.n_messages
-    return DemoInput(bag_path, from_log, scan.name, pose.name, source, frame, total)
+def _map_and_refine(
+    options: argparse.Namespace, source: DemoInput, folder: Path, client: Any
+) -> dict[str, Any]:
+    """Run the nodes; return what happened."""
+    namespace = client.namespace
+    no_return = _no_return(options, source)
+    mapper_arguments = _mapper_arguments(options, source, folder, no_return)
+    refiner_arguments = _refiner_arguments(options, source, folder, no_return)
+    with (
+        _process('online_mapper', [*mapper_arguments, '-r', f'__ns:={namespace}']) as mapper,
+        _process('refine_server', [*refiner_arguments, '-r', f'__ns:={namespace}']) as refiner,
+    ):
+
+        def alive() -> bool:
+            return mapper.poll() is None and refiner.poll() is None
+
+        client.wait_for_nodes(NODE_START_S, alive)
+        with _process('replay', _replay_arguments(options, source, namespace)) as player:
+            client.spin_while(lambda: player.poll() is None and alive())
+            if player.returncode:
+                raise BagError(f'{source.bag}: replay ended with code {player.returncode}')
+        if not alive():
+            name = 'refine_server' if mapper.poll() is None else 'online_mapper'
+            raise OgmError(f'{name} ended during replay: expected it to go on')
+        saved = client.call('online_mapper/save_map', SERVICE_S)
+        client.wait_for_map(SERVICE_S)
+        with _progress_bar(options.sampling_time) as show:
+            refined = client.refine(options.sampling_time + INDEXING_S, alive, show)
+        saved_refined = client.call('refine_server/save_map', SERVICE_S)
+        report = client.report()
+    figures = {
+        'sweeps': int(refined['sweeps']),
+        'rays': int(refined['rays']),
+        'beam_stride': _beam_stride(source),
+        'r_hat': float(refined['R-hat (99 % of cells below)']),
+        'stopped_because': refined['stopped because'],
+    }
+    sheet = folder / 'maps.png'
+    panels = [('live map (online_mapper)', saved), ('refined (refine_server)', saved_refined)]
+    save_side_by_side(
+        [(title, Path(path)) for title, path in panels], sheet, _caption(options, report, figures)
+    )
+    return {
+        'saved': saved,
+        **report,
+        'refined': {'saved': saved_refined, **figures},
+        'side_by_side': str(sheet),
+    }
+
+
+def _beam_stride(source: DemoInput) -> int:
+    return max(1, -(-source.n_scans * source.beams // MOST_RAYS))
+
+
+def _no_return(options: argparse.Namespace, source: DemoInput) -> str:
+    chosen = given(options, MapperConfig)
+    if source.from_log and 'no_return' not in chosen:
+        # Indoors most beams of a SICK without a return point at glass or dark walls.
+        print('no return: ignored (--no-return clear to let it clear)', file=sys.stderr)
+        return 'ignore'
+    return config_from(options, MapperConfig).no_return
 
 
 def _mapper_arguments(
-    options: argparse.Namespace, source: DemoInput, folder: Path, namespace: str
+    options: argparse.Namespace, source: DemoInput, folder: Path, no_return: str
 ) -> list[str]:
     parameters = {
+        **_common(source, folder),
+        **given(options, MapperConfig),
+        'no_return': no_return,
+    }
+    file = [] if options.params_file is None else ['--params-file', str(options.params_file)]
+    return _node_arguments('online_mapper', parameters, file)
+
+
+def _refiner_arguments(
+    options: argparse.Namespace, source: DemoInput, folder: Path, no_return: str
+) -> list[str]:
+    mapping = config_from(options, MapperConfig)
+    parameters = {
+        **_common(source, folder),
+        'window.resolution': mapping.resolution,
+        'window.max_range': mapping.max_range,
+        'window.no_return': no_return,
+        'window.beam_stride': _beam_stride(source),
+        'chain.burn_in': BURN_IN,
+        'unknown_margin': -0.2,
+        'max_scans': source.n_scans,
+        'max_rays': source.n_scans * source.beams,
+        'max_sweeps': 10**6,
+        'max_time': float(options.sampling_time),
+    }
+    return _node_arguments('refine_server', parameters, [])
+
+
+def _common(source: DemoInput, folder: Path) -> dict[str, Any]:
+    return {
         'map_frame': source.map_frame,
         'pose_source': source.pose_source,
         'save_directory': str(folder),
-        **given(options, MapperConfig),
     }
-    if source.from_log and 'no_return' not in parameters:
-        # Indoors most beams of a SICK without a return point at glass or dark walls.
-        print('no return: ignored (--no-return clear to let it clear)', file=sys.stderr)
-        parameters['no_return'] = 'ignore'
-    arguments = ['-m', 'ogm_mcmc.ros.online_mapper', '--ros-args', '-r', f'__ns:={namespace}']
-    if options.params_file is not None:
-        arguments += ['--params-file', str(options.params_file)]
-    for name, value in parameters.items():
+
+
+def _node_arguments(name: str, parameters: dict[str, Any], extra: list[str]) -> list[str]:
+    arguments = ['-m', f'ogm_mcmc.ros.{name}', '--ros-args', *extra]
+    for key, value in parameters.items():
         text = str(value).lower() if isinstance(value, bool) else str(value)
-        arguments += ['-p', f'{name}:={text}']
+        arguments += ['-p', f'{key}:={text}']
     return arguments
 
 
 def _replay_arguments(options: argparse.Namespace, source: DemoInput, namespace: str) -> list[str]:
     topics = f'{source.scan_topic},{source.pose_topic}'
-    # The mapper's topic for poses is named like the source: `pose` or `particles`.
+    # The nodes' topic for poses is named like the source: `pose` or `particles`.
     remap = f'{source.scan_topic}=scan,{source.pose_topic}={source.pose_source}'
     return [
         *('-m', 'ogm_mcmc.ros.replay', str(source.bag), '--rate', str(options.rate)),
         *('--topics', topics, '--remap', remap, '--wait', '20', '--wait-topics', '2'),
-        *('--progress', '--ros-args', '-r', f'__ns:={namespace}'),
+        *('--wait-subscribers', '2', '--progress', '--ros-args', '-r', f'__ns:={namespace}'),
     ]
 
 
@@ -188,11 +226,44 @@ def _process(name: str, arguments: list[str]) -> Iterator[subprocess.Popen[bytes
             print(f'{name} did not stop on SIGINT and was killed', file=sys.stderr)
 
 
-def _text(result: dict[str, object]) -> str:
+@contextlib.contextmanager
+def _progress_bar(seconds: float) -> Iterator[Callable[[dict[str, str]], None]]:
+    """Yield a function that shows diagnostics of the refiner on a bar of so many seconds."""
+    bar_format = '{desc}: {percentage:3.0f}%|{bar}| {n:.0f}/{total:.0f} s{postfix}'
+    with tqdm(total=seconds, desc='refine', bar_format=bar_format, file=sys.stderr) as bar:
+
+        def show(report: dict[str, str]) -> None:
+            if report['state'] == 'indexing':
+                bar.set_postfix_str('finding the rays of every cell')
+            elif 'seconds' in report:
+                bar.n = min(float(report['seconds']), seconds)
+                bar.set_postfix_str(
+                    f'{report["sweeps"]} sweeps, {report["sweeps per second"]}/s, '
+                    f'R-hat {report["R-hat (99 % of cells below)"]}'
+                )
+
+        yield show
+
+
+def _caption(options: argparse.Namespace, report: dict[str, Any], figures: dict[str, Any]) -> str:
+    beams = 'all beams' if figures['beam_stride'] == 1 else f'1 of {figures["beam_stride"]} beams'
+    return (
+        f'{options.input.name if options.input else "Simulated office"}: '
+        f'{report["scans_used"]} scans. Left: the live map, every beam. Right: the posterior mean '
+        f'of whole maps given all readings ({beams}, {figures["rays"]} rays), after '
+        f'{figures["sweeps"]} sweeps of two chains; 99 % of the cells have R-hat below '
+        f'{figures["r_hat"]:.2f}. White free, black occupied, blue-grey unknown.'
+    )
+
+
+def _text(result: dict[str, Any]) -> str:
     stem = str(result['saved']).removesuffix('.yaml')
+    refined = result['refined']
+    stem_refined = str(refined['saved']).removesuffix('.yaml')
     return (
         f'{result["scans_used"]} of {result["scans_received"]} scans mapped, '
         f'{result["dropped"]} dropped; map {result["width"]} x {result["height"]} cells; '
         f'first map after {result["first_map_s"]:.1f} s\n'
-        f'{stem}.pgm|yaml|png'
+        f'{refined["sweeps"]} sweeps over {refined["rays"]} rays; R-hat {refined["r_hat"]:.3f}\n'
+        f'{stem}.pgm|yaml|png\n{stem_refined}.pgm|yaml|png\n{result["side_by_side"]}'
     )

@@ -16,6 +16,7 @@ __all__ = [
     'SamplerConfig',
     'StopConfig',
     'WindowConfig',
+    'check_limits',
 ]
 
 
@@ -147,6 +148,16 @@ class StopConfig:
         require(possible, 'r_hat', self.r_hat, 'expected more than 1, or 0 for no such rule')
 
 
+def check_limits(chain: ChainConfig, stop: StopConfig) -> None:
+    """Refuse limits that contradict each other: sampling would end before any sweep counts."""
+    require(
+        chain.burn_in < stop.max_sweeps,
+        'max_sweeps',
+        stop.max_sweeps,
+        f'expected more than burn_in ({chain.burn_in}), or no sweep counts',
+    )
+
+
 @dataclass(frozen=True)
 class PatchConfig:
     """What is known of buildings before any beam ([patch])."""
@@ -192,6 +203,11 @@ class PatchConfig:
     def single_cells(self) -> bool:
         """Whether this is the sampler of independent cells ([gibbs])."""
         return self.prior == 'uniform' and self.size == 1
+
+    @property
+    def window_margin(self) -> int:
+        """Cells that the window needs beyond all rays."""
+        return 0 if self.single_cells else self.margin
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, Protocol
 
-from ogm_mcmc.experiments import counting, gibbs_2d, patch_sim, pose_particles, pose_sim
+from ogm_mcmc.experiments import (
+    adaptive,
+    counting,
+    gibbs_2d,
+    patch_sim,
+    pose_particles,
+    pose_sim,
+    random_field,
+)
 from ogm_mcmc.experiments.datasets import run_all
 from ogm_mcmc.experiments.results import make_page, row
 
@@ -39,9 +47,11 @@ class Run(Protocol):
 
 
 EXPERIMENTS: dict[str, Run] = {
+    'adaptive': adaptive.run,
     'counting': counting.run,
     'gibbs-2d': gibbs_2d.run,
     'patch-sim': patch_sim.run,
     'pose-particles': pose_particles.run,
     'pose-sim': pose_sim.run,
+    'random-field': random_field.run,
 }

@@ -1,4 +1,4 @@
-"""The user's side of the demo: waits for the mapper, watches its map, asks it to save."""
+"""The user's side of the demo: waits for the nodes, watches them, has maps refined and saved."""
 
 from __future__ import annotations
 
@@ -19,12 +19,14 @@ from ogm_mcmc.ros.qos import LATCHED
 
 __all__ = ['DemoClient']
 
+MAPPER, REFINER = 'online_mapper: mapping', 'refine_server: refining'
+
 # The mapper publishes what changed once a second: no map for longer means that it was the last.
 SETTLED_S = 1.5
 
 
 class DemoClient:
-    """A node that listens to one mapper; a context manager around rclpy's life."""
+    """A node that listens to a mapper and a refiner; a context manager around rclpy's life."""
 
     def __init__(self, namespace: str) -> None:
         self.namespace = namespace
@@ -33,7 +35,7 @@ class DemoClient:
         self.first_map_s: float | None = None
         self.last_map: OccupancyGrid | None = None
         self.last_map_at = 0.0
-        self.diagnostics: dict[str, str] = {}
+        self.reports: dict[str, dict[str, str]] = {MAPPER: {}, REFINER: {}}
 
     def __enter__(self) -> Self:
         """Start the node."""
@@ -41,7 +43,14 @@ class DemoClient:
         self.node = rclpy.create_node('demo', namespace=self.namespace)
         self.node.create_subscription(OccupancyGrid, 'map', self._on_map, LATCHED)
         self.node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
-        self.saver = self.node.create_client(Trigger, 'online_mapper/save_map')
+        self.services = {
+            name: self.node.create_client(Trigger, name)
+            for name in (
+                'online_mapper/save_map',
+                'refine_server/refine',
+                'refine_server/save_map',
+            )
+        }
         return self
 
     def __exit__(
@@ -63,8 +72,9 @@ class DemoClient:
 
     def _on_diagnostics(self, msg: DiagnosticArray) -> None:
         for status in msg.status:
-            if status.name == f'{self.namespace}/online_mapper: mapping':
-                self.diagnostics = {item.key: item.value for item in status.values}
+            name = status.name.removeprefix(f'{self.namespace}/')
+            if name in self.reports:
+                self.reports[name] = {item.key: item.value for item in status.values}
 
     def spin_while(self, condition: Callable[[], bool], timeout_s: float = float('inf')) -> bool:
         """Handle messages while a condition holds; return False when the time ran out first."""
@@ -78,30 +88,73 @@ class DemoClient:
                 raise KeyboardInterrupt from None  # SIGTERM: leave as on Ctrl-C
         return True
 
-    def wait_for_mapper(self, timeout_s: float, alive: Callable[[], bool]) -> None:
-        """Wait until the mapper offers its services; the clock of "first map" starts then."""
-        ready = self.spin_while(lambda: alive() and not self.saver.service_is_ready(), timeout_s)
-        if not ready or not alive():
-            raise OgmError('online_mapper did not start: expected its services to appear')
+    def wait_for_nodes(self, timeout_s: float, alive: Callable[[], bool]) -> None:
+        """Wait until both nodes offer their services; the clock of "first map" starts then."""
+
+        def missing() -> list[str]:
+            return [name for name, c in self.services.items() if not c.service_is_ready()]
+
+        self.spin_while(lambda: alive() and bool(missing()), timeout_s)
+        if not alive():
+            raise OgmError('a node ended while starting: expected it to wait for scans')
+        if missing():
+            nodes = sorted({name.partition('/')[0] for name in missing()})
+            raise OgmError(f'{" and ".join(nodes)}: expected the services to appear')
         self.started = time.monotonic()
 
-    def save_map(self, timeout_s: float) -> str:
-        """Ask the mapper to save; return the path of the YAML file."""
-        response = ask(self.saver, Trigger.Request(), self.spin_while, timeout_s)
+    def call(self, name: str, timeout_s: float) -> str:
+        """Call a Trigger service and return its message; raises OutputError if it refuses."""
+        response = ask(self.services[name], Trigger.Request(), self.spin_while, timeout_s)
         if response is None:
-            raise OgmError('online_mapper did not answer ~/save_map')
+            raise OgmError(f'{name}: expected an answer within {timeout_s:g} s')
         if not response.success:
-            raise OutputError(f'online_mapper: {response.message}')
+            raise OutputError(f'{name}: {response.message}')
         return str(response.message)
+
+    def refine(
+        self, timeout_s: float, alive: Callable[[], bool], seen: Callable[[dict[str, str]], None]
+    ) -> dict[str, str]:
+        """Have the recorded scans sampled and wait for the end; return the last diagnostics.
+
+        `seen` is given the diagnostics as they come.
+        """
+        self._wait_for_report(REFINER, timeout_s)
+        self.call('refine_server/refine', timeout_s)
+        last: list[dict[str, str]] = [{}]
+
+        def running() -> bool:
+            report = self.reports[REFINER]
+            if report is not last[0]:
+                last[0] = report
+                seen(report)
+            return alive() and not (report['state'] == 'idle' and report['stopped because'])
+
+        if not self.spin_while(running, timeout_s):
+            raise OgmError(f'refine_server: expected it to be done within {timeout_s:g} s')
+        report = self.reports[REFINER]
+        if report['stopped because'] == 'error':
+            raise OgmError(f'refine_server: {report["last error"]}')
+        return report
+
+    def _wait_for_report(self, name: str, timeout_s: float) -> None:
+        """Wait for diagnostics that were sent after now and know of no scan that waits."""
+        seen = self.reports[name]
+
+        def old() -> bool:
+            report = self.reports[name]
+            return report is seen or report['scans waiting'] != '0'
+
+        if not self.spin_while(old, timeout_s):
+            raise OgmError(f'{name}: expected diagnostics, and no scan that waits for a pose')
 
     def wait_for_map(self, timeout_s: float) -> None:
         """Wait for the final map and for diagnostics that were sent after the last scan."""
-        seen = self.diagnostics
+        seen = self.reports[MAPPER]
         called = time.monotonic()
 
         def unsettled() -> bool:
             quiet = time.monotonic() - max(called, self.last_map_at)
-            return self.maps == 0 or self.diagnostics is seen or quiet < SETTLED_S
+            return self.maps == 0 or self.reports[MAPPER] is seen or quiet < SETTLED_S
 
         if not self.spin_while(unsettled, timeout_s):
             raise OgmError('no map arrived on `map`: expected one from online_mapper')
@@ -109,16 +162,15 @@ class DemoClient:
     def report(self) -> dict[str, Any]:
         """Return what was seen of the mapper."""
         assert self.last_map is not None
-        dropped = sum(
-            int(value) for key, value in self.diagnostics.items() if key.startswith('dropped')
-        )
+        mapper = self.reports[MAPPER]
+        dropped = sum(int(value) for key, value in mapper.items() if key.startswith('dropped'))
         return {
             'maps_received': self.maps,
             'first_map_s': self.first_map_s,
             'width': self.last_map.info.width,
             'height': self.last_map.info.height,
-            'scans_received': int(self.diagnostics['scans received']),
-            'scans_used': int(self.diagnostics['scans used']),
+            'scans_received': int(mapper['scans received']),
+            'scans_used': int(mapper['scans used']),
             'dropped': dropped,
-            'mapping_ms_per_scan': float(self.diagnostics['mapping time per scan (ms)']),
+            'mapping_ms_per_scan': float(mapper['mapping time per scan (ms)']),
         }

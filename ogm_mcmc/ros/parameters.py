@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any, TypeVar
 
 from rcl_interfaces.msg import (
@@ -43,12 +43,22 @@ def descriptor(leaf: Setting, live: bool) -> ParameterDescriptor:
 
 
 class ParameterSet:
-    """Declares the leaves of config classes on a node and builds the config objects."""
+    """Declares the leaves of config classes on a node and builds the config objects.
 
-    def __init__(self, node: Node, configs: Iterable[type], live: frozenset[str]) -> None:
+    `agree(values)` raises ConfigError when settings of different classes contradict each other.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        configs: Iterable[type],
+        live: frozenset[str],
+        agree: Callable[[dict[str, Any]], None] = lambda values: None,
+    ) -> None:
         self.node = node
         self.configs = tuple(configs)
         self.live = live
+        self.agree = agree
         self.leaves = {leaf.name: leaf for config in self.configs for leaf in settings_of(config)}
         for leaf in self.leaves.values():
             try:
@@ -59,6 +69,7 @@ class ParameterSet:
                 raise ConfigError(f'parameter {leaf.name}: {error}') from error
 
         self._warn_of_unknown()
+        self.agree(self.values())
 
     def _warn_of_unknown(self) -> None:
         """Say which given parameters nobody reads: a typo would otherwise go unnoticed."""
@@ -92,6 +103,7 @@ class ParameterSet:
         try:
             for config in self.configs:
                 build(config, values, ignore_unknown=True)
+            self.agree(values)
         except ConfigError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)

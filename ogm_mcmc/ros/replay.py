@@ -164,7 +164,8 @@ class Replay(Node):
         deadline = time.monotonic() + self.settings.wait
         publishers = self.outlets.values()
         while time.monotonic() < deadline and not self.stopped.is_set():
-            listened = [p for p in publishers if p.get_subscription_count() > 0]
+            enough = self.settings.wait_subscribers
+            listened = [p for p in publishers if p.get_subscription_count() >= enough]
             if len(listened) >= min(self.settings.wait_topics, len(self.outlets)):
                 # The other side's discovery of us may lag a little behind ours of it.
                 self.stopped.wait(0.2)

@@ -3,27 +3,38 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 from ogm_mcmc.config import (
     LIVE_MAPPING,
     MapperConfig,
     OutputConfig,
     PlacingConfig,
+    RecordingConfig,
+    SamplerConfig,
+    StopConfig,
+    build,
     check_bounds,
+    check_limits,
     setting,
 )
 
 __all__ = [
     'LIVE_PARAMETERS',
     'NODE_CONFIGS',
+    'REFINE_CONFIGS',
+    'REFINE_LIVE_PARAMETERS',
+    'IntakeConfig',
     'OnlineMapperConfig',
+    'RefineServerConfig',
     'ReplayConfig',
+    'refine_settings_agree',
 ]
 
 
 @dataclass(frozen=True)
-class OnlineMapperConfig:
-    """How the node receives, places and publishes."""
+class IntakeConfig:
+    """How a node receives scans and poses."""
 
     map_frame: str = setting('map', 'frame of the map and of the poses')
     base_frame: str = setting(
@@ -50,6 +61,16 @@ class OnlineMapperConfig:
     max_waiting_scans: int = setting(
         1000, 'scans that may wait for a pose at once; the oldest go first', low=1, high=100000
     )
+
+    def __post_init__(self) -> None:
+        """Refuse what is out of bounds."""
+        check_bounds(self)
+
+
+@dataclass(frozen=True)
+class OnlineMapperConfig:
+    """When `online_mapper` publishes, and where it saves."""
+
     map_update_interval: float = setting(
         1.0, 'time between published maps, s', low=0.02, high=3600.0
     )
@@ -68,7 +89,7 @@ class OnlineMapperConfig:
 
 
 # All at the top level of the node, like the names people know from slam_toolbox.
-NODE_CONFIGS = (MapperConfig, OutputConfig, PlacingConfig, OnlineMapperConfig)
+NODE_CONFIGS = (MapperConfig, OutputConfig, PlacingConfig, IntakeConfig, OnlineMapperConfig)
 
 # What may change while the node runs; what was already mapped depends on the rest.
 LIVE_PARAMETERS = frozenset(
@@ -88,6 +109,82 @@ LIVE_PARAMETERS = frozenset(
 
 
 @dataclass(frozen=True)
+class RefineServerConfig:
+    """When `refine_server` publishes, what it shows, and where it saves."""
+
+    map_update_interval: float = setting(
+        1.0, 'time between published maps while sampling, s', low=0.02, high=3600.0
+    )
+    latched_interval: float = setting(
+        10.0,
+        'while nobody listens, the latched map is renewed at this interval, s',
+        low=0.1,
+        high=86400.0,
+    )
+    unknown_margin: float = setting(
+        0.02,
+        'cells are unknown (-1) unless max(p, 1 - p) exceeds that of the prior by this; below 0 '
+        'shows less certain ones, never those of which no beam says anything',
+        low=-0.5,
+        high=0.5,
+    )
+    niceness: int = setting(
+        5, 'sampling gives way to other programs: 0 not at all, 19 always', low=0, high=19
+    )
+    state_file: str = setting(
+        '',
+        'chains are written here by ~/save_map and when sampling ends, and taken up again by the '
+        'first ~/refine with the same scans and settings; empty: nowhere',
+    )
+    save_directory: str = setting('.', 'folder ~/save_map writes to')
+    save_name: str = setting('map_refined', 'name of the files ~/save_map writes')
+
+    def __post_init__(self) -> None:
+        """Refuse what is out of bounds."""
+        check_bounds(self)
+
+
+REFINE_CONFIGS = (
+    SamplerConfig,
+    StopConfig,
+    RecordingConfig,
+    OutputConfig,
+    PlacingConfig,
+    IntakeConfig,
+    RefineServerConfig,
+)
+
+# What may change while the node runs: limits count from the next scan or ~/refine on.
+REFINE_LIVE_PARAMETERS = frozenset(
+    {
+        'max_sweeps',
+        'max_time',
+        'r_hat',
+        'agreeing_share',
+        'max_scans',
+        'max_seconds',
+        'max_rays',
+        'output',
+        'occupied_thresh',
+        'free_thresh',
+        'transform_timeout',
+        'max_pose_gap',
+        'map_update_interval',
+        'latched_interval',
+        'unknown_margin',
+        'save_directory',
+        'save_name',
+    }
+)
+
+
+def refine_settings_agree(values: dict[str, Any]) -> None:
+    """Refuse settings of `refine_server` that contradict each other."""
+    sampler = build(SamplerConfig, values, ignore_unknown=True)
+    check_limits(sampler.chain, build(StopConfig, values, ignore_unknown=True))
+
+
+@dataclass(frozen=True)
 class ReplayConfig:
     """What `replay` publishes and how fast."""
 
@@ -103,6 +200,9 @@ class ReplayConfig:
     wait: float = setting(2.0, 'wait up to this long for subscribers, s', low=0.0, high=3600.0)
     wait_topics: int = setting(
         1, 'go on as soon as so many topics have a subscriber', low=0, high=1000
+    )
+    wait_subscribers: int = setting(
+        1, 'subscribers that a topic needs to count for wait_topics', low=1, high=1000
     )
     progress: bool = setting(False, 'show a progress bar on the terminal')
 

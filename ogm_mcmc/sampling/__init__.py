@@ -8,7 +8,7 @@ from ogm_mcmc.sampling.posterior import (
     PosteriorSampler,
     over_dispersed_starts,
 )
-from ogm_mcmc.sampling.ray_index import RayIndex, RayWindow
+from ogm_mcmc.sampling.ray_index import RayIndex, RayWindow, WindowSize
 
 __all__ = [
     'CellModel',
@@ -20,6 +20,7 @@ __all__ = [
     'RayIndex',
     'RayWindow',
     'SweepInfo',
+    'WindowSize',
     'over_dispersed_starts',
     'run_chain',
     'sweep',

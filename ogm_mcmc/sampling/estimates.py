@@ -5,28 +5,55 @@ from __future__ import annotations
 import numpy as np
 
 from ogm_mcmc.arrays import AnyArray, Float64Array
+from ogm_mcmc.errors import require
+from ogm_mcmc.geometry import GridMap
 
-__all__ = ['mutual_information_bits']
+__all__ = ['hide_uncertain', 'mutual_information_bits']
+
+# A cell that is the same in all draws is shown if the prior alone seldom does that.
+SAME_BY_CHANCE = 0.05
 
 
 def mutual_information_bits(samples: AnyArray) -> Float64Array:
     """Mutual information (c, c) between chosen cells, bits ([patch] Fig. 2).
 
     samples  (S, c) of 0 and 1: one row a map. I(a; b) = sum p(a, b) log2 p(a, b) / (p(a) p(b));
-    on the diagonal it is the entropy of the cell.
+    on the diagonal it is the entropy of the cell. Raises ConfigError without a sample.
     """
+    require(samples.shape[0] > 0, 'samples', samples.shape[0], 'expected at least one')
+    # Counts are whole numbers, so what never happened is exactly 0.
     ones = samples.astype(np.float64)
-    n = ones.shape[0]
-    both = ones.T @ ones / n
-    p = ones.mean(axis=0)
-    joint = np.stack(
-        (both, p[:, None] - both, p[None, :] - both, 1.0 - p[:, None] - p[None, :] + both)
+    n, one = ones.shape[0], ones.sum(axis=0)
+    zero = n - one
+    both = ones.T @ ones
+    a, b = one[:, None], one[None, :]
+    joint = np.stack((both, a - both, b - both, n - a - b + both))
+    product = np.stack(
+        (np.outer(one, one), np.outer(one, zero), np.outer(zero, one), np.outer(zero, zero))
     )
-    q = 1.0 - p
-    product = np.stack((np.outer(p, p), np.outer(p, q), np.outer(q, p), np.outer(q, q)))
-    joint = np.maximum(joint, 0.0)
     with np.errstate(divide='ignore', invalid='ignore'):
-        terms = joint * np.log2(joint / product)
+        terms = joint / n * np.log2(joint * n / product)
     terms[joint == 0.0] = 0.0
     information: Float64Array = terms.sum(axis=0)
     return np.maximum(information, 0.0)
+
+
+def hide_uncertain(grid_map: GridMap, prior: float, margin: float, draws: int = 0) -> GridMap:
+    """Return a map with nan wherever it is no more certain than the prior.
+
+    Certain is max(p, 1 - p); a cell is shown when it exceeds that of the prior by `margin`. For a
+    mean of so many `draws` it must also differ from the prior by more than chance makes a cell
+    differ of which no beam says anything: by three standard errors,
+    3 sqrt(prior (1 - prior) / draws), or by being the same in all of enough draws.
+    """
+    p = grid_map.probability
+    limit = max(prior, 1.0 - prior) + margin
+    with np.errstate(invalid='ignore'):
+        shown = np.maximum(p, np.float32(1.0) - p) > limit
+        if draws > 0:
+            by_chance = 3.0 * np.sqrt(prior * (1.0 - prior) / draws)
+            differs = np.abs(p - np.float32(prior)) > by_chance
+            differs |= (p == 0.0) & ((1.0 - prior) ** draws < SAME_BY_CHANCE)
+            differs |= (p == 1.0) & (prior**draws < SAME_BY_CHANCE)
+            shown &= differs
+    return GridMap(grid_map.spec, np.where(shown, p, np.float32(np.nan)))

@@ -15,7 +15,7 @@ from ogm_mcmc.geometry import CellBox, GridSpec, Pose2D, Scan, cast_rays
 from ogm_mcmc.sampling.ray_index_kernels import file_rays, spread_pairs, trace_rays
 from ogm_mcmc.sensors.forward_model import ForwardModel
 
-__all__ = ['BeamRays', 'RayIndex', 'RayWindow']
+__all__ = ['BeamRays', 'RayIndex', 'RayWindow', 'WindowSize']
 
 # A position on a ray is a uint16, and the last one stands for "nothing".
 MAX_POSITIONS = 65_000
@@ -88,6 +88,25 @@ class RayIndex(NamedTuple):
         return touched
 
 
+class WindowSize(NamedTuple):
+    """Rays, the most pairs of a ray and a cell, and a box around all cells."""
+
+    rays: int
+    pairs: int
+    box: CellBox
+
+    def with_more(self, other: WindowSize) -> WindowSize:
+        """Return the size of a window of both."""
+        return WindowSize(
+            self.rays + other.rays, self.pairs + other.pairs, self.box.union(other.box)
+        )
+
+    @property
+    def n_bytes(self) -> int:
+        """Memory of an index of this size."""
+        return 15 * self.pairs + 28 * self.rays + 12 * self.box.n_cells
+
+
 class RayWindow:
     """Recorded scans as an index of rays that can grow.
 
@@ -115,28 +134,34 @@ class RayWindow:
         if rays is None:
             return 0
         first_ray = self.index.n_rays
-        box = CellBox(
-            box.column0 - self.margin,
-            box.row0 - self.margin,
-            box.column1 + self.margin,
-            box.row1 + self.margin,
-        )
         spec = self.spec.windowed(self.spec.box.union(box) if first_ray else box)
         at_most = self.index.n_pairs + int(_most_cells(rays).sum())
-        self._check_memory(at_most, first_ray + rays.length.size, spec.width * spec.height)
+        self._check_memory(WindowSize(first_ray + rays.length.size, at_most, spec.box))
         rays = rays._replace(column=rays.column - spec.column0, row=rays.row - spec.row0)
         self.index = _extended(self.index, self.spec, spec, rays, self.model)
         self.spec = spec
         return int(rays.length.size)
 
+    def size_of(self, scan: Scan, sensor: Pose2D) -> WindowSize:
+        """Return what a scan adds to a window; raises GridError for a ray that is too long."""
+        rays = self._cast_one(scan, sensor)
+        if rays.length.size == 0:
+            return WindowSize(0, 0, CellBox(0, 0, 0, 0))
+        return WindowSize(rays.length.size, int(_most_cells(rays).sum()), self._box_around(rays))
+
+    @property
+    def most_bytes(self) -> float:
+        """The memory that the index may take."""
+        return self.config.max_memory_mb * 1e6
+
     def _cast(self, placements: Iterable[tuple[Scan, Pose2D]]) -> tuple[BeamRays | None, CellBox]:
-        """Return the rays in lattice cells, and a box around all of them."""
+        """Return the rays in lattice cells, and a box around all of them and the margin."""
         parts, box = [], CellBox(0, 0, 0, 0)
         for scan, sensor in placements:
             rays = self._cast_one(scan, sensor)
             if rays.length.size:
                 parts.append(rays)
-                box = box.union(_box_around(rays))
+                box = box.union(self._box_around(rays))
         if not parts:
             return None, box
         return BeamRays(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True))), box
@@ -158,42 +183,56 @@ class RayWindow:
             no_return_clears=config.no_return == 'clear',
         )
         n = cast.n_rays
-        along = cast.ends[:, :n] - np.array([[cast.x], [cast.y]])
-        measured = np.hypot(along[0], along[1])
-        hit = cast.hit[:n] != 0
+        # Readings and directions as they are: those of end points were rounded, and an end point
+        # next to the sensor has no direction at all.
+        reading = scan.ranges_m.astype(np.float64)
+        used = (reading > 0.0) & (reading >= scan.range_min_m) & (reading <= scan.range_max_m)
+        if config.no_return == 'clear':
+            used |= reading == np.inf
+        reading = reading[used]
+        ahead, left = scan.directions()[:, used]
+        cosine, sine = np.cos(sensor.yaw_rad), np.sin(sensor.yaw_rad)
         reach = scan.range_max_m
         if config.max_range > 0.0:
             reach = min(reach, config.max_range)
+        hit = reading <= reach
         length = np.full(n, reach / config.resolution)
         if config.cut_sigma > 0.0:
-            behind = measured + config.cut_sigma * self.model.sigma_m / config.resolution
+            behind = (reading + config.cut_sigma * self.model.sigma_m) / config.resolution
             length[hit] = np.minimum(length, behind)[hit]
         if n and length.max() * 2.0 > MAX_POSITIONS:
             raise GridError(
                 f'a ray of {length.max():.0f} cells: expected at most {MAX_POSITIONS // 2}; '
                 'set max_range'
             )
-        with np.errstate(invalid='ignore', divide='ignore'):
-            ux, uy = along / measured
         return BeamRays(
             np.full(n, cast.column),
             np.full(n, cast.row),
             np.full(n, cast.x),
             np.full(n, cast.y),
-            ux,
-            uy,
+            ahead * cosine - left * sine,
+            ahead * sine + left * cosine,
             length,
-            np.where(hit, measured * config.resolution, np.inf),
+            np.where(hit, reading, np.inf),
             np.full(n, reach),
         )
 
-    def _check_memory(self, pairs: int, n_rays: int, n_cells: int) -> None:
-        needed = 15 * pairs + 28 * n_rays + 12 * n_cells
-        limit = self.config.max_memory_mb
-        if needed > limit * 1e6:
+    def _box_around(self, rays: BeamRays) -> CellBox:
+        end_x, end_y = rays.x + rays.length * rays.ux, rays.y + rays.length * rays.uy
+        column, row, margin = int(rays.column[0]), int(rays.row[0]), self.margin
+        return CellBox(
+            column + int(np.floor(min(0.0, end_x.min()))) - margin,
+            row + int(np.floor(min(0.0, end_y.min()))) - margin,
+            column + int(np.floor(max(0.0, end_x.max()))) + 1 + margin,
+            row + int(np.floor(max(0.0, end_y.max()))) + 1 + margin,
+        )
+
+    def _check_memory(self, size: WindowSize) -> None:
+        if size.n_bytes > self.most_bytes:
             raise WindowError(
-                f'{n_rays} rays need {needed / 1e6:.0f} MB: expected at most max_memory_mb = '
-                f'{limit:g}; use fewer scans, a larger beam_stride, resolution or cut_sigma'
+                f'{size.rays} rays need {size.n_bytes / 1e6:.0f} MB: expected at most '
+                f'max_memory_mb = {self.config.max_memory_mb:g}; use fewer scans, a larger '
+                'beam_stride, resolution or cut_sigma'
             )
 
 
@@ -203,17 +242,6 @@ def _most_cells(rays: BeamRays) -> AnyArray:
     up = np.abs(np.floor(rays.y + rays.length * rays.uy) - np.floor(rays.y))
     cells: AnyArray = (across + up).astype(np.int64) + 1
     return cells
-
-
-def _box_around(rays: BeamRays) -> CellBox:
-    end_x, end_y = rays.x + rays.length * rays.ux, rays.y + rays.length * rays.uy
-    column, row = int(rays.column[0]), int(rays.row[0])
-    return CellBox(
-        column + int(np.floor(min(0.0, end_x.min()))),
-        row + int(np.floor(min(0.0, end_y.min()))),
-        column + int(np.floor(max(0.0, end_x.max()))) + 1,
-        row + int(np.floor(max(0.0, end_y.max()))) + 1,
-    )
 
 
 def _empty_index() -> RayIndex:
@@ -248,7 +276,7 @@ def _extended(
     n_old, n_new = index.n_rays, index.n_rays + rays.length.size
     t_old, t_most = index.n_pairs, index.n_pairs + int(_most_cells(rays).sum())
     counts, gain = _regridded(index, old, new)
-    before = np.concatenate(([0], np.cumsum(counts)))
+    before = _beginnings(counts)
 
     ray_start = np.concatenate((index.ray_start, np.empty(n_new - n_old, np.int64)))
     first_cell = np.concatenate(
@@ -276,7 +304,7 @@ def _extended(
             counts,
         )
     )
-    after = np.concatenate(([0], np.cumsum(counts)))
+    after = _beginnings(counts)
     grown = RayIndex(
         cell_start=after,
         pairs=_grown(index.pairs, total),
@@ -292,9 +320,14 @@ def _extended(
     )
     if t_old:
         spread_pairs(before, after, grown.pairs, grown.positions)
+    # Where the next pair of each cell goes: behind those it had. There may be more cells than
+    # pairs, so no array of them is made that is not needed.
+    next_pair = counts
+    np.subtract(before[1:], before[:-1], out=next_pair)
+    next_pair += after[:-1]
     file_rays(
         n_old,
-        after[:-1] + np.diff(before),
+        next_pair,
         ray_start,
         first_cell,
         across,
@@ -307,6 +340,13 @@ def _extended(
         gain,
     )
     return grown
+
+
+def _beginnings(counts: AnyArray) -> AnyArray:
+    """Return where each cell's pairs begin and the last ones end, (K + 1,) int64."""
+    beginnings = np.zeros(counts.size + 1, np.int64)
+    np.cumsum(counts, out=beginnings[1:])
+    return beginnings
 
 
 def _regridded(index: RayIndex, old: GridSpec, new: GridSpec) -> tuple[AnyArray, AnyArray]:

@@ -30,7 +30,9 @@ def following_cell(cell, step, across, up):
 @njit(cache=True, nogil=True, inline='always')
 def per_unit(direction):
     """Reciprocal of one component of a direction, huge where the ray never moves that way."""
-    return 1.0 / direction if abs(direction) > 1e-300 else 1e300
+    if abs(direction) > 1e-300:
+        return 1.0 / direction
+    return 1e300 if direction >= 0.0 else -1e300
 
 
 @njit(cache=True, nogil=True, inline='always')

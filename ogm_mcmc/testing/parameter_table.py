@@ -1,7 +1,7 @@
-"""The parameter page and the parameter file, made from the config classes.
+"""The parameter page and the parameter files, made from the config classes.
 
-`python3 -m ogm_mcmc.testing.parameter_table docs` prints `docs/parameters.md`, `... yaml` prints
-`config/online_mapper.yaml`; a test compares the files with this.
+`python3 -m ogm_mcmc.testing.parameter_table docs` prints `docs/parameters.md`, `... NODE` prints
+`config/NODE.yaml`; a test compares the files with this.
 """
 
 from __future__ import annotations
@@ -13,9 +13,21 @@ from collections.abc import Iterable
 import yaml
 
 from ogm_mcmc.config import Setting, settings_of
-from ogm_mcmc.ros.settings import LIVE_PARAMETERS, NODE_CONFIGS, ReplayConfig
+from ogm_mcmc.ros.settings import (
+    LIVE_PARAMETERS,
+    NODE_CONFIGS,
+    REFINE_CONFIGS,
+    REFINE_LIVE_PARAMETERS,
+    ReplayConfig,
+)
 
-__all__ = ['page', 'parameter_file']
+__all__ = ['NODES', 'page', 'parameter_file']
+
+# Config classes and live parameters of the nodes that have a parameter file.
+NODES = {
+    'online_mapper': (NODE_CONFIGS, LIVE_PARAMETERS),
+    'refine_server': (REFINE_CONFIGS, REFINE_LIVE_PARAMETERS),
+}
 
 INTRODUCTION = """\
 # Parameters
@@ -54,28 +66,27 @@ def _table(leaves: Iterable[Setting], live: frozenset[str]) -> str:
     return '\n'.join(lines)
 
 
-def _mapper_leaves() -> list[Setting]:
-    return [leaf for config in NODE_CONFIGS for leaf in settings_of(config)]
+def _leaves(node: str) -> list[Setting]:
+    return [leaf for config in NODES[node][0] for leaf in settings_of(config)]
 
 
 def page() -> str:
     """Return the text of `docs/parameters.md`."""
-    return (
-        f'{INTRODUCTION}\n## online_mapper\n\n{_table(_mapper_leaves(), LIVE_PARAMETERS)}\n'
-        f'\n## replay\n\n{_table(settings_of(ReplayConfig), frozenset())}\n'
-    )
+    tables = {node: _table(_leaves(node), live) for node, (_, live) in NODES.items()}
+    tables['replay'] = _table(settings_of(ReplayConfig), frozenset())
+    return INTRODUCTION + ''.join(f'\n## {node}\n\n{table}\n' for node, table in tables.items())
 
 
-def parameter_file() -> str:
-    """Return the text of `config/online_mapper.yaml`."""
+def parameter_file(node: str) -> str:
+    """Return the text of `config/NODE.yaml`."""
     lines = [
-        '# Parameters of online_mapper with their defaults; made by',
-        '# `python3 -m ogm_mcmc.testing.parameter_table yaml`.',
+        f'# Parameters of {node} with their defaults; made by',
+        f'# `python3 -m ogm_mcmc.testing.parameter_table {node}`.',
         '/**:',
         '  ros__parameters:',
     ]
     group = ''
-    for leaf in _mapper_leaves():
+    for leaf in _leaves(node):
         parent, _, name = leaf.name.rpartition('.')
         indent = '      ' if parent else '    '
         if parent and parent != group:
@@ -90,4 +101,4 @@ def parameter_file() -> str:
 
 
 if __name__ == '__main__':
-    print(page() if sys.argv[1:] == ['docs'] else parameter_file(), end='')
+    print(page() if sys.argv[1:] == ['docs'] else parameter_file(sys.argv[1]), end='')

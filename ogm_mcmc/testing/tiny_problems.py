@@ -78,7 +78,9 @@ def tiny_problems(draw: st.DrawFn, max_cells: int = 9, max_scans: int = 3) -> Ti
     )
     prior = draw(st.sampled_from([0.5, 0.2, 0.03, 0.8]))
     place = st.floats(0.01, 1.99)
-    reading = st.one_of(st.floats(0.25, 3.375, width=32), st.sampled_from([math.inf, math.inf, 3.5]))
+    reading = st.one_of(
+        st.floats(0.25, 3.375, width=32), st.sampled_from([math.inf, math.inf, 3.5])
+    )
     placed: list[tuple[Scan, Pose2D]] = []
     for _ in range(draw(st.integers(1, max_scans))):
         scan = fan(

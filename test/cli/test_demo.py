@@ -5,6 +5,8 @@ import json
 import pytest
 from PIL import Image
 
+from ogm_mcmc.io.map_files import load_map
+
 pytest.importorskip('rclpy', reason='rclpy is not installed: no demo')
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
@@ -23,13 +25,38 @@ def test_demo_without_input_maps_the_simulated_building(run_cli, tmp_path):
         assert picture.size == pytest.approx((322, 242), abs=4)
     assert 'replay: 100%' in done.stderr
 
+    refined = result['refined']
+    assert refined['saved'] == str(tmp_path / 'out' / 'demo' / 'map_refined.yaml')
+    assert refined['stopped_because'] in ('converged', 'time')
+    assert refined['beam_stride'] == 5
+    assert 80_000 < refined['rays'] < 84_000
+    assert refined['sweeps'] > 20
+    assert 'refine: ' in done.stderr
+    live = load_map(tmp_path / 'out' / 'demo' / 'map.yaml')
+    sampled = load_map(tmp_path / 'out' / 'demo' / 'map_refined.yaml')
+    assert live.probability.shape == pytest.approx(sampled.probability.shape, abs=4)
+    assert (sampled.probability == 1.0).sum() > 1000
+    assert (sampled.probability == 0.0).mean() > 0.7
+    with Image.open(result['side_by_side']) as sheet:
+        assert sheet.size[0] > 2 * 2 * 322
+        assert sheet.size[1] > 2 * 242
+
 
 @pytest.mark.data
 def test_demo_maps_a_log(run_cli, tmp_path, data_folder):
     log = data_folder / 'carmen' / 'belgioioso-corrected.log.gz'
-    done = run_cli('demo', log, '-o', 'out', '--json', timeout=200)
+    done = run_cli('demo', log, '-o', 'out', '--sampling-time', '3', '--json', timeout=200)
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)['scans_used'] == 395
     assert 'no return: ignored' in done.stderr
     with Image.open(tmp_path / 'out' / 'map.png') as picture:
         assert min(picture.size) > 500
+    assert (tmp_path / 'out' / 'map_refined.yaml').is_file()
+    assert (tmp_path / 'out' / 'maps.png').is_file()
+
+
+def test_demo_refuses_before_it_starts(run_cli, tmp_path):
+    done = run_cli('demo', '-o', 'out', '--sampling-time', '0')
+    assert done.returncode == 2
+    assert 'max_time is 0.0: expected a number from 0.01' in done.stderr
+    assert not (tmp_path / 'out').exists()

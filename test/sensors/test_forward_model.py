@@ -1,6 +1,7 @@
 """p(z | f) against its definition, scipy, and what any density has to be."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -46,8 +47,7 @@ def test_all_outcomes_of_a_beam_sum_to_one(name, distance):
     points = {near + k * beam.sigma_m for k in (-8, -3, 0, 3, 8)} | {near}
     inside = sorted({0.0, REACH, *(p for p in points if 0.0 < p < REACH)})
     total = sum(
-        integrate.quad(density, a, b, epsabs=1e-11, limit=200)[0]
-        for a, b in zip(inside[:-1], inside[1:], strict=True)
+        integrate.quad(density, a, b, epsabs=1e-11, limit=200)[0] for a, b in pairwise(inside)
     )
     no_return = math.exp(beam.log_likelihood(math.inf, REACH, distance))
     # Something at distance 0 leaves no range to what is in front of it.

@@ -1,0 +1,325 @@
+"""The node `refine_server`: records placed scans and samples their full posterior on demand."""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from nav_msgs.msg import OccupancyGrid
+from nav_msgs.srv import GetMap
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.signals import SignalHandlerOptions
+from std_srvs.srv import Trigger
+
+from ogm_mcmc.arrays import Int8Array
+from ogm_mcmc.config import (
+    OutputConfig,
+    PlacingConfig,
+    RecordingConfig,
+    SamplerConfig,
+    StopConfig,
+)
+from ogm_mcmc.errors import OgmError
+from ogm_mcmc.geometry import GridMap, GridSpec, PoseBelief, Scan, SensorMount
+from ogm_mcmc.geometry.grid_map import entropy_bits, occupancy_values, trinary_values
+from ogm_mcmc.io.map_files import save_map, writable_folder
+from ogm_mcmc.pipeline import mounted
+from ogm_mcmc.recording import Recording
+from ogm_mcmc.refinement import hide_uncertain, warm_up
+from ogm_mcmc.ros.diagnostics import DIAGNOSTICS_S, Diagnostics
+from ogm_mcmc.ros.latched_grid import LatchedGrid, grid_message
+from ogm_mcmc.ros.parameters import ParameterSet
+from ogm_mcmc.ros.refine_worker import RefinedMap, RefineWorker
+from ogm_mcmc.ros.running import StopSignal, run_node
+from ogm_mcmc.ros.scan_intake import ScanIntake
+from ogm_mcmc.ros.settings import (
+    REFINE_CONFIGS,
+    REFINE_LIVE_PARAMETERS,
+    IntakeConfig,
+    RefineServerConfig,
+    refine_settings_agree,
+)
+
+__all__ = ['RefineServer', 'main']
+
+HOUSEKEEPING_S = 0.1
+FLUSH_S = 1.0
+
+
+class RefineServer(Node):
+    """Subscribes and records; a `RefineWorker` samples; what it hands over is published here."""
+
+    def __init__(self, **node_options: Any) -> None:
+        super().__init__('refine_server', **node_options)
+        self.parameters = ParameterSet(
+            self, REFINE_CONFIGS, REFINE_LIVE_PARAMETERS, refine_settings_agree
+        )
+        self.sampler = self.parameters.read(SamplerConfig)
+        self._read_live()
+        self.recording = Recording(self.parameters.read(RecordingConfig), self.sampler)
+        self.intake = ScanIntake(
+            self,
+            self.parameters.read(IntakeConfig),
+            self.parameters.read(PlacingConfig),
+            self.record,
+        )
+        state_file = self._state_file()
+        started = time.monotonic()
+        warm_up(self.sampler)
+        self.get_logger().info(f'kernels ready after {time.monotonic() - started:.2f} s')
+
+        self.worker = RefineWorker(
+            self.sampler,
+            map_every_s=self.settings.map_update_interval,
+            state_file=state_file,
+            niceness=self.settings.niceness,
+            log=self.get_logger().info,
+        )
+        self.map_grid = LatchedGrid(self, 'map_refined')
+        self.entropy_grid = LatchedGrid(self, '~/entropy')
+        self.diagnostics = Diagnostics(self, 'refining')
+        self._renewed_at = 0.0
+        self._reported_error = ''
+        self.create_service(Trigger, '~/refine', self.on_refine)
+        self.create_service(Trigger, '~/stop', self.on_stop)
+        self.create_service(Trigger, '~/clear', self.on_clear)
+        self.create_service(Trigger, '~/save_map', self.on_save_map)
+        self.create_service(GetMap, '~/get_map', self.on_get_map)
+        self.intake.subscribe()
+        # Real time, so that publishing goes on while a simulated clock stands still.
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(HOUSEKEEPING_S, self.on_housekeeping, clock=steady)
+        self.create_timer(DIAGNOSTICS_S, self.publish_diagnostics, clock=steady)
+        self.add_on_set_parameters_callback(self.parameters.check)
+        self.add_post_set_parameters_callback(self.on_parameters_set)
+
+    def _read_live(self) -> None:
+        self.settings = self.parameters.read(RefineServerConfig)
+        self.stop = self.parameters.read(StopConfig)
+        self.output = self.parameters.read(OutputConfig)
+
+    def _state_file(self) -> Path | None:
+        if not self.settings.state_file:
+            return None
+        path = Path(self.settings.state_file).expanduser().absolute()
+        writable_folder(path.parent)  # better said now than when the work is done
+        return path
+
+    # -- scans in ---------------------------------------------------------------------------
+
+    def record(self, scan: Scan, belief: PoseBelief, mount: SensorMount) -> None:
+        """Keep a placed scan; raises GridError when it fits into no window."""
+        self.recording.add(mounted(scan, belief, mount))
+
+    # -- maps out ---------------------------------------------------------------------------
+
+    def on_housekeeping(self) -> None:
+        """Drop scans that waited too long; publish what the worker handed over."""
+        self.intake.pass_on()
+        if self.worker.failure is not None:
+            raise self.worker.failure
+        self.publish_maps()
+
+    def publish_maps(self) -> None:
+        """Send a new map where somebody listens, when it is the last, or the latched one is due.
+
+        The entropy is sent only where somebody listens.
+        """
+        result = self.worker.result
+        if result is None:
+            return
+        now = time.monotonic()
+        due = now - self._renewed_at >= self.settings.latched_interval
+        if result.number != self.map_grid.shown and (
+            result.final or due or self.map_grid.listeners > 0
+        ):
+            self.map_grid.publish(self.map_message(result), result.number)
+            self._renewed_at = now
+        if result.number != self.entropy_grid.shown and self.entropy_grid.listeners > 0:
+            entropy = entropy_bits(result.grid_map.probability).astype(np.float32)
+            message = self._message(occupancy_values(entropy), result)
+            self.entropy_grid.publish(message, result.number)
+
+    def shown(self, result: RefinedMap) -> GridMap:
+        """Return a map with nan where it is no more certain than the prior."""
+        prior, margin = self.sampler.chain.prior, self.settings.unknown_margin
+        return hide_uncertain(result.grid_map, prior, margin, result.draws)
+
+    def map_message(self, result: RefinedMap) -> OccupancyGrid:
+        """Return the message of a map."""
+        probability, output = self.shown(result).probability, self.output
+        if output.output == 'trinary':
+            values = trinary_values(probability, output.occupied_thresh, output.free_thresh)
+        else:
+            values = occupancy_values(probability)
+        return self._message(values, result)
+
+    def _message(self, values: Int8Array, result: RefinedMap) -> OccupancyGrid:
+        frame = self.intake.settings.map_frame
+        return grid_message(values, result.grid_map.spec, frame, result.stamp_ns)
+
+    def publish_diagnostics(self) -> None:
+        """Say how it goes: what was recorded, how far sampling is, why it stopped."""
+        status, recording = self.worker.status, self.recording
+        values = {
+            **self.intake.values(),
+            'scans recorded': len(recording),
+            'beams recorded': recording.n_rays,
+            'scans let go': recording.let_go,
+            'memory of a window at most (MB)': f'{recording.size.n_bytes / 1e6:.1f}',
+            'state': status.state,
+            'scans sampled': status.scans,
+            'rays': status.rays,
+            'memory (MB)': f'{status.n_bytes / 1e6:.1f}',
+            **_progress_values(status.progress),
+            'stopped because': status.stopped,
+            'last error': status.error,
+            'maps published': self.map_grid.sent,
+            **self.intake.dropped(),
+        }
+        new_error = status.error != self._reported_error
+        self._reported_error = status.error
+        message = f'{len(recording)} scans recorded, {status.state}'
+        if status.stopped:
+            message += f' ({status.stopped})'
+        warn = bool(self.intake.new_problems()) or (new_error and bool(status.error))
+        self.diagnostics.publish(message, values, warn=warn)
+
+    # -- services and parameters ------------------------------------------------------------
+
+    def on_refine(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Sample what is recorded now; the answer does not wait for anything."""
+        recording, size = self.recording, self.recording.size
+        limit = self.sampler.window.max_memory_mb
+        if len(recording) == 0:
+            waiting, lost = len(self.intake.placer), sum(self.intake.problems().values())
+            response.success, response.message = (
+                False,
+                f'no scan was recorded yet: nothing to sample ({waiting} scans wait for a pose, '
+                f'{lost} messages dropped)',
+            )
+        elif size.rays == 0:
+            response.success, response.message = (
+                False,
+                f'no beam of {len(recording)} scans says anything: nothing to sample',
+            )
+        elif size.n_bytes > 1e6 * limit:
+            response.success, response.message = (
+                False,
+                f'{size.rays} rays may need {size.n_bytes / 1e6:.1f} MB: expected at most '
+                f'window.max_memory_mb = {limit:g}',
+            )
+        else:
+            replaced = self.worker.refine(recording.snapshot(), self.stop)
+            response.success, response.message = (
+                True,
+                f'sampling {len(recording)} scans, {size.rays} rays'
+                + (', instead of those before' if replaced else ''),
+            )
+        return response
+
+    def on_stop(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """End sampling; the last map is published as soon as the sweep is over."""
+        stopped = self.worker.stop()
+        response.success = True
+        response.message = 'stopping' if stopped else 'was not sampling'
+        return response
+
+    def on_clear(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Forget the recorded scans, the poses and the refined map; publish an empty one."""
+        forgotten = len(self.recording)
+        self.worker.clear()
+        self.recording.clear()
+        self.intake.clear()
+        empty = np.full((1, 1), -1, np.int8)
+        spec = GridSpec(self.sampler.window.resolution, 1, 1)
+        for grid in (self.map_grid, self.entropy_grid):
+            if grid.sent:
+                frame = self.intake.settings.map_frame
+                grid.publish(grid_message(empty, spec, frame, 0), 0)
+        response.success, response.message = True, f'forgot {forgotten} scans'
+        return response
+
+    def on_save_map(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Save the newest refined map as PGM, YAML and PNG; the state file follows."""
+        result = self.worker.result
+        if result is None:
+            response.success = False
+            response.message = 'nothing was refined yet: nothing to save; call ~/refine first'
+            return response
+        folder = Path(self.settings.save_directory).expanduser()
+        grid_map = self.shown(result).cropped()
+        try:
+            paths = save_map(grid_map, folder, self.output, self.settings.save_name)
+        except OgmError as error:
+            response.success, response.message = False, str(error)
+        else:
+            response.success, response.message = True, str(paths['yaml'].absolute())
+            self.worker.save_state()
+        return response
+
+    def on_get_map(self, _: GetMap.Request, response: GetMap.Response) -> GetMap.Response:
+        """Return the newest refined map; one without cells while there is none."""
+        result = self.worker.result
+        if result is None:
+            response.map.header.frame_id = self.intake.settings.map_frame
+            self.get_logger().warning('~/get_map: nothing was refined yet, the map is empty')
+        else:
+            response.map = self.map_message(result)
+        return response
+
+    def on_parameters_set(self, _: list[Parameter]) -> None:
+        """Take over what `REFINE_LIVE_PARAMETERS` allows to change."""
+        self._read_live()
+        self.intake.configure(
+            self.parameters.read(IntakeConfig), self.parameters.read(PlacingConfig)
+        )
+        self.recording.config = self.parameters.read(RecordingConfig)
+        self.worker.map_every_s = self.settings.map_update_interval
+        self.map_grid.shown = 0  # it may look different now
+
+    # -- the end ----------------------------------------------------------------------------
+
+    def finish(self) -> None:
+        """End sampling and publish its last map, while ROS is still there."""
+        self.worker.close()
+        if self.context.ok() and self.worker.failure is None:
+            self.publish_maps()
+            self.map_grid.flush(FLUSH_S)
+
+    def destroy_node(self) -> None:
+        """Leave no thread behind."""
+        if hasattr(self, 'worker'):
+            self.worker.close()
+        super().destroy_node()
+
+
+def _progress_values(progress: Any) -> dict[str, object]:
+    if progress is None:
+        return {'sweeps': 0, 'sweeps counted': 0}
+    return {
+        'sweeps': progress.sweeps,
+        'sweeps counted': progress.counted,
+        'seconds': f'{progress.seconds:.1f}',
+        'sweeps per second': f'{progress.sweeps_per_s:.1f}',
+        'R-hat (99 % of cells below)': f'{progress.r_hat_p99:.3f}',
+        'cells that agree (share)': f'{progress.agreeing_share:.4f}',
+        'effective samples (median)': f'{progress.ess_median:.0f}',
+        'standard error (largest)': f'{progress.mcse_max:.4f}',
+        'log-likelihood': f'{progress.log_likelihood:.1f}',
+    }
+
+
+def main(args: list[str] | None = None) -> None:
+    """Run the node until Ctrl-C or SIGTERM."""
+    with StopSignal() as told:
+        sys.exit(run_node(RefineServer, told.spin, args, SignalHandlerOptions.NO))
+
+
+if __name__ == '__main__':
+    main()
