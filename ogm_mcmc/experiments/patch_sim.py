@@ -55,6 +55,19 @@ CLEAN = PatchTableConfig(backoff_weight=0.5, min_windows=1, min_probability=0.00
 TRADITIONAL, CELLS, PATCHES, BORDER = 'traditional', 'L = 1', 'L = 9', 'border, L = 9'
 OTHER_BUILDINGS, REAL_MAPS = 'border, other buildings', 'border, real maps'
 
+# The methods in the order in which they are computed, and what their files are called.
+FILES = {
+    TRADITIONAL: 'traditional',
+    BORDER: 'border',
+    CELLS: 'cells',
+    PATCHES: 'patches',
+    OTHER_BUILDINGS: 'other_buildings',
+    REAL_MAPS: 'real_maps',
+}
+
+# Results of data sets by their names, by method.
+Results = dict[str, dict[str, dict[str, Any]]]
+
 PLANS = {
     CELLS: ChainPlan(samples=100, burn_in=20),
     PATCHES: ChainPlan(samples=100, burn_in=20),
@@ -80,15 +93,18 @@ def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
         folder / 'datasets',
         score,
         {
-            name: {'building': b, 'run': r, 'others': r == 1, **settings}
+            f'{name}_{FILES[method]}': {'building': b, 'run': r, 'method': method, **settings}
+            for method in FILES
             for name, (b, r) in names.items()
+            if method in PUBLISHED or r == 1
         },
         title='patch-sim',
     )
-    counts = {
-        method: pooled(result['methods'][method] for result in results.values())
-        for method in PUBLISHED
+    by_method = {
+        method: {name: results[key] for name in names if (key := f'{name}_{file}') in results}
+        for method, file in FILES.items()
     }
+    counts = {method: pooled(by_method[method].values()) for method in PUBLISHED}
     ours = {method: summary(of) for method, of in counts.items()}
     rows = [
         row(f'{method}: {what}', ours[method][what], published)
@@ -101,33 +117,38 @@ def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
         row(f'{method}: F1 at 0.5', float(of.f1()[of.thresholds == 0.5][0]))
         for method, of in counts.items()
     ]
-    rows += _first_runs(results)
-    scans = [result['scans'] for result in results.values()]
-    prior = buildings_prior(seed)
     return {
-        'rows': rows,
+        'rows': [*rows, *_first_runs(by_method)],
         'pictures': draw_scores(folder, counts),
-        'settings': {
-            **settings,
-            'prior': f'{prior.p_occupied:.4f}',
-            'data_sets': len(results),
-            'scans_per_set': f'{min(scans)} to {max(scans)}',
-            'measured_share': f'{np.mean([r["measured"] for r in results.values()]):.3f}',
-            'samples': {method: plan.samples for method, plan in PLANS.items()},
-            'burn_in': {method: plan.burn_in for method, plan in PLANS.items()},
-            'start_threshold': START_THRESHOLD,
-            'forward_model': f'gaussian, sigma {NOISE_CELLS:g} cells, depth {DEPTH:g}, '
-            f'rays cut {CUT_SIGMA:g} sigma behind their reading',
-            'seconds_per_set': {
-                method: round(float(np.mean([r['seconds'][method] for r in results.values()])), 2)
-                for method in PUBLISHED
-            },
-        },
+        'settings': {**settings, 'data_sets': len(names), **_described(by_method, seed)},
         'f1_by_data_set': {
-            name: {method: summary(pooled([of]))['max F1'] for method, of in r['methods'].items()}
-            for name, r in results.items()
+            name: {
+                method: summary(pooled([by_method[method][name]]))['max F1']
+                for method in PUBLISHED
+            }
+            for name in names
         },
         'notes': NOTES,
+    }
+
+
+def _described(by_method: Results, seed: int) -> dict[str, Any]:
+    """Return what the numbers depend on beside the arguments of `score`."""
+    every = list(by_method[TRADITIONAL].values())
+    scans = [result['scans'] for result in every]
+    return {
+        'prior': f'{buildings_prior(seed).p_occupied:.4f}',
+        'scans_per_set': f'{min(scans)} to {max(scans)}',
+        'measured_share': f'{np.mean([result["measured"] for result in every]):.3f}',
+        'samples': {method: plan.samples for method, plan in PLANS.items()},
+        'burn_in': {method: plan.burn_in for method, plan in PLANS.items()},
+        'start_threshold': START_THRESHOLD,
+        'forward_model': f'gaussian, sigma {NOISE_CELLS:g} cells, depth {DEPTH:g}, '
+        f'rays cut {CUT_SIGMA:g} sigma behind their reading',
+        'seconds_per_set': {
+            method: round(float(np.mean([result['seconds'] for result in sets.values()])), 2)
+            for method, sets in by_method.items()
+        },
     }
 
 
@@ -141,56 +162,53 @@ NOTES = [
 ]
 
 
-def _first_runs(results: dict[str, dict[str, Any]]) -> list[dict[str, Any]]:
+def _first_runs(by_method: Results) -> list[dict[str, Any]]:
     """Rows of what was tried on the first run in each building only."""
-    first = [result for result in results.values() if OTHER_BUILDINGS in result['methods']]
+    first = by_method[OTHER_BUILDINGS]
     return [
         row(
             f'{method}: max F1 on {len(first)} first runs',
-            summary(pooled(result['methods'][method] for result in first))['max F1'],
+            summary(pooled(by_method[method][name] for name in first))['max F1'],
         )
         for method in (TRADITIONAL, BORDER, OTHER_BUILDINGS, REAL_MAPS)
-        if first
     ]
 
 
 def score(
-    building: int, run: int, others: bool, seed: int, noise_cells: float, beams: int
+    building: int, run: int, method: str, seed: int, noise_cells: float, beams: int
 ) -> dict[str, Any]:
-    """Map one data set in every way and count over all cells."""
+    """Map one data set in one way and count over all cells."""
     data = simulated_set(building, run, seed=seed, noise_cells=noise_cells, beams=beams)
-    counts = buildings_prior(seed)
-    prior = counts.p_occupied
+    prior = buildings_prior(seed).p_occupied
+    table = _table(method, seed)
     began = time.perf_counter()
-    live = traditional_map(data, prior)
-    seconds = {TRADITIONAL: time.perf_counter() - began}
-    methods = {TRADITIONAL: counts_of(live, data.world, prior)}
-    tables: dict[str, PatchTable | None] = {
-        CELLS: None,
-        PATCHES: make_table('patch', 9, counts, CLEAN),
-        BORDER: make_table('border', 9, counts, CLEAN),
-    }
-    if others:
-        tables[OTHER_BUILDINGS] = make_table('border', 9, buildings_prior(seed + 1), CLEAN)
-        tables[REAL_MAPS] = make_table('border', 9, load_prior(default_prior_file()).counts)
-    start = (np.nan_to_num(live.probability, nan=1.0) >= START_THRESHOLD).astype(np.uint8)
-    began = time.perf_counter()
-    window = rays_of(data, noise_cells, margin=MARGIN)
-    seconds['ray index'] = time.perf_counter() - began
-    for name, table in tables.items():
-        began = time.perf_counter()
-        plan = PLANS.get(name, PLANS[BORDER])
+    found, unmapped = traditional_map(data, prior), prior
+    measured = float(np.isfinite(found.probability).mean())
+    if method != TRADITIONAL:
+        start = (np.nan_to_num(found.probability, nan=1.0) >= START_THRESHOLD).astype(np.uint8)
+        window = rays_of(data, noise_cells, margin=MARGIN)
+        plan = PLANS.get(method, PLANS[BORDER])
         found = sampled_map(data, window, plan, start, table=table, prior=prior, seed=seed)
-        seconds[name] = time.perf_counter() - began
         # Outside of the window a chain with the border prior keeps what it starts with.
-        unmapped = prior if name in (CELLS, PATCHES) else 1.0
-        methods[name] = counts_of(found, data.world, unmapped)
+        unmapped = prior if method in (CELLS, PATCHES) else 1.0
+    seconds = time.perf_counter() - began
     return {
-        'methods': methods,
-        'seconds': {name: round(value, 3) for name, value in seconds.items()},
+        **counts_of(found, data.world, unmapped),
+        'measured': measured,
         'scans': len(data.scans),
-        'measured': methods[TRADITIONAL]['measured'],
+        'seconds': round(seconds, 3),
     }
+
+
+@lru_cache(maxsize=4)
+def _table(method: str, seed: int) -> PatchTable | None:
+    """Return the prior of a method as a table; None for cells on their own."""
+    if method in (TRADITIONAL, CELLS):
+        return None
+    if method == REAL_MAPS:
+        return make_table('border', 9, load_prior(default_prior_file()).counts)
+    counts = buildings_prior(seed + 1 if method == OTHER_BUILDINGS else seed)
+    return make_table('patch' if method == PATCHES else 'border', 9, counts, CLEAN)
 
 
 @lru_cache(maxsize=4)
