@@ -30,9 +30,14 @@ setup(
     extras_require={
         # ROS 2 Jazzy from PyPI; leave it out where a system ROS 2 provides rclpy.
         'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
+        # Curves and pictures of `evaluate` and `experiment`.
+        'plots': ['matplotlib>=3.7'],
         'test': [
             'pytest>=7.4',
             'hypothesis>=6.90',
+            'matplotlib>=3.7',
+            'scipy>=1.11',
+            'scikit-learn>=1.3',
             'ruff>=0.9',
             'mypy>=1.10',
             'import-linter>=2.0',

@@ -7,8 +7,11 @@ what                      where                                source
 ========================  ===================================  =============================
 live map, known pose      `ogm_mcmc.mapping.two_assumption`    [gibbs] section II, [slides]
 exact ray traversal       `ogm_mcmc.geometry`                  none, see its design note
+divergence, scores, ...   `ogm_mcmc.evaluation`                [gibbs] and [patch] section IV
+published results         `ogm_mcmc.experiments`               the papers
+pages, curves, pictures   `ogm_mcmc.plotting`                  extra `plots`
 CARMEN logs, bags, maps   `ogm_mcmc.io`                        file formats
-small simulated building  `ogm_mcmc.simulation`                none
+simulated buildings       `ogm_mcmc.simulation`                [gibbs] section IV-B
 ROS 2 nodes               `ogm_mcmc.ros`                       needs rclpy
 ========================  ===================================  =============================
 

@@ -64,3 +64,11 @@ def test_versions_agree(repository):
         ('package.xml', rf'<version>{version}</version>'),
     ):
         assert re.search(pattern, (repository / name).read_text(encoding='utf-8')), name
+
+
+def test_every_experiment_is_on_its_page(repository):
+    from ogm_mcmc.experiments import EXPERIMENTS
+
+    text = (repository / 'docs' / 'evaluation.md').read_text(encoding='utf-8')
+    named = re.findall(r'^\| `([\w-]+)` \|', text[text.index('## Experiments') :], re.MULTILINE)
+    assert sorted(named) == sorted(EXPERIMENTS)

@@ -9,12 +9,34 @@ import sys
 import threading
 
 from ogm_mcmc import __version__
-from ogm_mcmc.cli import bench, demo, import_carmen, info, map_bag, replay, simulate
+from ogm_mcmc.cli import (
+    bench,
+    demo,
+    evaluate,
+    experiment,
+    import_carmen,
+    import_stata,
+    info,
+    map_bag,
+    replay,
+    simulate,
+)
 from ogm_mcmc.errors import OgmError
 
 __all__ = ['run']
 
-COMMANDS = (map_bag, import_carmen, simulate, info, replay, bench, demo)
+COMMANDS = (
+    map_bag,
+    import_carmen,
+    import_stata,
+    simulate,
+    evaluate,
+    experiment,
+    info,
+    replay,
+    bench,
+    demo,
+)
 
 
 def make_parser() -> argparse.ArgumentParser:

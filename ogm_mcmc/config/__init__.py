@@ -1,5 +1,6 @@
 """Settings: what may be set (`mapping`, `sampling`), how it is declared and read (`settings`)."""
 
+from ogm_mcmc.config.evaluation import EvaluationConfig
 from ogm_mcmc.config.mapping import (
     MapperConfig,
     MountConfig,
@@ -29,6 +30,7 @@ from ogm_mcmc.config.settings import (
 
 __all__ = [
     'ChainConfig',
+    'EvaluationConfig',
     'ForwardModelConfig',
     'MapperConfig',
     'MountConfig',

@@ -12,6 +12,7 @@ from __future__ import annotations
 import contextlib
 import os
 import tempfile
+import zipfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -28,7 +29,9 @@ from ogm_mcmc.geometry.grid_map import trinary_values
 
 __all__ = [
     'checked_name',
+    'load_grid',
     'load_map',
+    'load_npz',
     'replacing',
     'save_map',
     'save_npz',
@@ -161,6 +164,42 @@ def save_npz(grid_map: GridMap, path: Path, settings: dict[str, Any]) -> Path:
             settings=np.array(yaml.safe_dump(settings, sort_keys=False)),
         )
     return path
+
+
+def load_grid(path: Path) -> GridMap:
+    """Read a map by its suffix: NPZ with probabilities, or map YAML. Raises MapFileError."""
+    if path.suffix == '.npz':
+        return load_npz(path)
+    if path.suffix in ('.yaml', '.yml'):
+        return load_map(path)
+    raise MapFileError(f'{path}: expected a map YAML (.yaml) or probabilities (.npz)')
+
+
+def load_npz(path: Path) -> GridMap:
+    """Read the probabilities `save_npz` wrote. Raises MapFileError with the field at fault."""
+    try:
+        with np.load(path) as data:
+            probability = np.array(data['probability'], np.float32)
+            resolution, origin = float(data['resolution']), data['origin'].astype(np.float64)
+    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
+        reason = ' '.join(str(error).split())
+        raise MapFileError(
+            f'{path}: expected an NPZ with probability, resolution and origin ({reason})'
+        ) from error
+    if probability.ndim != 2 or origin.shape != (3,):
+        raise MapFileError(
+            f'{path}: probability has shape {probability.shape}, origin {origin.shape}: '
+            'expected (height, width) and (3,)'
+        )
+    if np.nanmin(probability, initial=0.0) < 0.0 or np.nanmax(probability, initial=1.0) > 1.0:
+        raise MapFileError(f'{path}: probability: expected values from 0 to 1, or nan')
+    height, width = probability.shape
+    try:
+        x, y = float(origin[0]), float(origin[1])
+        spec = GridSpec(resolution, width, height, anchor_x_m=x, anchor_y_m=y)
+    except ValueError as error:
+        raise MapFileError(f'{path}: {error}') from error
+    return GridMap(spec, probability)
 
 
 def load_map(path: Path) -> GridMap:

@@ -1,4 +1,4 @@
-"""Scans with known poses -> rosbag2."""
+"""Scans with known or believed poses -> rosbag2."""
 
 from __future__ import annotations
 
@@ -10,8 +10,10 @@ import numpy as np
 from ogm_mcmc.geometry import Pose2D, Scan
 from ogm_mcmc.io import ros_types
 from ogm_mcmc.io.bags import BagWriter
+from ogm_mcmc.io.carmen_import import systematic
+from ogm_mcmc.simulation import LocalizedScan
 
-__all__ = ['write_recording']
+__all__ = ['write_localized', 'write_recording']
 
 
 def write_recording(
@@ -24,15 +26,43 @@ def write_recording(
             stamp = scan.stamp_ns
             known = ros_types.pose_with_covariance(stamp, 'map', pose, np.zeros((3, 3)))
             bag.write('/pose', ros_types.POSE, stamp, known)
-            message = ros_types.laser_scan(
-                stamp,
-                scan.frame_id,
-                scan.ranges_m,
-                angle_min=scan.angle_min_rad,
-                angle_increment=scan.angle_increment_rad,
-                range_min=scan.range_min_m,
-                range_max=scan.range_max_m,
-            )
-            bag.write('/scan', ros_types.SCAN, stamp, message)
+            _write_scan(bag, scan)
             count += 1
     return count
+
+
+def write_localized(
+    path: Path, scans: Iterable[LocalizedScan], *, particles: int, overwrite: bool = False
+) -> int:
+    """Write `scan`, `pose` (mean and covariance), `particles` and `odom`; return how many scans.
+
+    A PoseArray has no weights: it holds `particles` poses drawn from the belief.
+    """
+    count = 0
+    with BagWriter(path, overwrite=overwrite) as bag:
+        for scan, _, belief, odometry in scans:
+            stamp = scan.stamp_ns
+            odom = ros_types.odometry(stamp, odometry, 0.0, 0.0)
+            bag.write('/odom', ros_types.ODOMETRY, stamp, odom)
+            assert belief.covariance is not None, 'a filter knows its covariance'
+            assert belief.particles is not None, 'a filter has particles'
+            mean = ros_types.pose_with_covariance(stamp, 'map', belief.mean, belief.covariance)
+            bag.write('/pose', ros_types.POSE, stamp, mean)
+            drawn = ros_types.pose_array(stamp, 'map', systematic(belief.particles, particles))
+            bag.write('/particles', ros_types.PARTICLES, stamp, drawn)
+            _write_scan(bag, scan)
+            count += 1
+    return count
+
+
+def _write_scan(bag: BagWriter, scan: Scan) -> None:
+    message = ros_types.laser_scan(
+        scan.stamp_ns,
+        scan.frame_id,
+        scan.ranges_m,
+        angle_min=scan.angle_min_rad,
+        angle_increment=scan.angle_increment_rad,
+        range_min=scan.range_min_m,
+        range_max=scan.range_max_m,
+    )
+    bag.write('/scan', ros_types.SCAN, scan.stamp_ns, message)

@@ -1,19 +1,50 @@
-"""A small simulated building, a lidar in it, and a robot that walks through: real input for free.
+"""Simulated buildings, a lidar in them, and a robot: real input for free, and the truth with it.
 
-Walls are line segments, so that a range is exact whatever the grid; nothing here knows cells.
+Two kinds of worlds. A `Building` has walls that are line segments, so that a range is exact
+whatever the grid; nothing in it knows cells, and the robot walks along given points. A
+`GridWorld` is made of occupied cells, as the papers' simulations are: ten generated floors
+(`generate_floor`), or any map. There the robot explores until everything is covered and scans
+when it stands ([gibbs] section IV-B), at poses that are known, or only believed:
+`record_localized` gives it odometry and a particle filter ([pose] section V). What a beam
+measures in a grid is decided in `grid_world`.
 """
 
+from ogm_mcmc.simulation.exploration import Exploration, Stop, explore
+from ogm_mcmc.simulation.floor_plans import FLOOR_PLANS, generate_floor
+from ogm_mcmc.simulation.grid_world import GridWorld
 from ogm_mcmc.simulation.lidar import Lidar, true_ranges
-from ogm_mcmc.simulation.recording import SimulatedScan, record
+from ogm_mcmc.simulation.localization import (
+    LocalizedScan,
+    ParticleFilter,
+    ParticleFilterSettings,
+    record_localized,
+)
+from ogm_mcmc.simulation.odometry import Motion, OdometryNoise, motion_between
+from ogm_mcmc.simulation.recording import SimulatedScan, record, record_exploration
 from ogm_mcmc.simulation.trajectories import walk
-from ogm_mcmc.simulation.worlds import WORLDS, Building
+from ogm_mcmc.simulation.worlds import WORLDS, Building, rasterised
 
 __all__ = [
+    'FLOOR_PLANS',
     'WORLDS',
     'Building',
+    'Exploration',
+    'GridWorld',
     'Lidar',
+    'LocalizedScan',
+    'Motion',
+    'OdometryNoise',
+    'ParticleFilter',
+    'ParticleFilterSettings',
     'SimulatedScan',
+    'Stop',
+    'explore',
+    'generate_floor',
+    'motion_between',
+    'rasterised',
     'record',
+    'record_exploration',
+    'record_localized',
     'true_ranges',
     'walk',
 ]

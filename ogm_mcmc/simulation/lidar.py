@@ -9,7 +9,7 @@ import numpy as np
 
 from ogm_mcmc.arrays import Float32Array, Float64Array
 from ogm_mcmc.errors import require
-from ogm_mcmc.geometry import Pose2D
+from ogm_mcmc.geometry import Pose2D, Scan
 
 __all__ = ['Lidar', 'true_ranges']
 
@@ -34,13 +34,20 @@ def true_ranges(walls: Float64Array, pose: Pose2D, bearings_rad: Float64Array) -
 
 @dataclass(frozen=True)
 class Lidar:
-    """Beams at equal angles around, Gaussian range noise, a share of lost returns."""
+    """Beams at equal angles; Gaussian range noise, a share of lost and of arbitrary returns.
+
+    With a field of view of 2 pi the first beam points backwards and there is none twice;
+    otherwise the first and the last one are its borders. `clutter` is the share of readings that
+    are anything between range_min and range_max (people, dust, mixed pixels).
+    """
 
     beams: int = 360
     range_min_m: float = 0.1
     range_max_m: float = 12.0
     noise_m: float = 0.01
     dropout: float = 0.002
+    clutter: float = 0.0
+    field_of_view_rad: float = 2.0 * math.pi
 
     def __post_init__(self) -> None:
         """Refuse what is no lidar."""
@@ -49,23 +56,55 @@ class Lidar:
         require(valid, 'range_max', self.range_max_m, 'must be above range_min, and finite')
         require(0.0 <= self.noise_m < math.inf, 'noise', self.noise_m, 'expected 0 or more')
         require(0.0 <= self.dropout < 1.0, 'dropout', self.dropout, 'must be in [0, 1)')
+        require(0.0 <= self.clutter < 1.0, 'clutter', self.clutter, 'must be in [0, 1)')
+        view = self.field_of_view_rad
+        require(0.0 < view <= 2.0 * math.pi, 'field_of_view', view, 'expected up to 2 pi')
+
+    @property
+    def angle_min_rad(self) -> float:
+        """Bearing of the first beam, rad."""
+        return -0.5 * self.field_of_view_rad
 
     @property
     def angle_increment_rad(self) -> float:
-        """Angle between beams, rad; the first one points backwards."""
-        return 2.0 * np.pi / self.beams
+        """Angle between beams, rad."""
+        all_around = self.field_of_view_rad == 2.0 * math.pi
+        gaps = self.beams if all_around or self.beams == 1 else self.beams - 1
+        return self.field_of_view_rad / gaps
 
     def bearings(self) -> Float64Array:
         """Bearings (B,), rad."""
         bearings: Float64Array = (
-            np.arange(self.beams, dtype=np.float64) * self.angle_increment_rad - np.pi
+            np.arange(self.beams, dtype=np.float64) * self.angle_increment_rad + self.angle_min_rad
         )
         return bearings
 
     def measure(self, walls: Float64Array, pose: Pose2D, rng: np.random.Generator) -> Float32Array:
-        """Measured ranges (B,) as REP 117 has them: inf, nothing there; nan, return lost."""
-        ranges = true_ranges(walls, pose, self.bearings())
-        ranges += self.noise_m * rng.standard_normal(ranges.size)
+        """Measured ranges (B,) to walls that are segments, see `observe`."""
+        return self.observe(true_ranges(walls, pose, self.bearings()), rng)
+
+    def observe(self, exact_m: Float64Array, rng: np.random.Generator) -> Float32Array:
+        """Turn exact ranges (B,) into measured ones, as REP 117 has them.
+
+        inf: nothing there; -inf: too near to measure; nan: return lost.
+        """
+        ranges = exact_m + self.noise_m * rng.standard_normal(exact_m.size)
         ranges[ranges > self.range_max_m] = np.inf
+        ranges[ranges < self.range_min_m] = -np.inf
+        if self.clutter > 0.0:
+            anything = rng.random(ranges.size) < self.clutter
+            ranges[anything] = rng.uniform(self.range_min_m, self.range_max_m, anything.sum())
         ranges[rng.random(ranges.size) < self.dropout] = np.nan
         return ranges.astype(np.float32)
+
+    def scan(self, ranges_m: Float32Array, stamp_ns: int, frame_id: str = 'laser') -> Scan:
+        """Return measured ranges as a scan."""
+        return Scan.checked(
+            ranges_m,
+            angle_min_rad=self.angle_min_rad,
+            angle_increment_rad=self.angle_increment_rad,
+            range_min_m=self.range_min_m,
+            range_max_m=self.range_max_m,
+            stamp_ns=stamp_ns,
+            frame_id=frame_id,
+        )

@@ -8,16 +8,19 @@ from typing import NamedTuple
 import numpy as np
 
 from ogm_mcmc.geometry import Pose2D, Scan
+from ogm_mcmc.simulation.exploration import Exploration, explore
+from ogm_mcmc.simulation.grid_world import GridWorld
 from ogm_mcmc.simulation.lidar import Lidar
 from ogm_mcmc.simulation.trajectories import walk
 from ogm_mcmc.simulation.worlds import Building
 
-__all__ = ['SimulatedScan', 'record']
+__all__ = ['SimulatedScan', 'record', 'record_exploration']
 
 PERIOD_S = 0.1
 SPEED_M_S = 0.8
 TURN_RAD_S = 1.2
 START_NS = 1_000_000_000
+STANDING_S = 1.0
 
 
 class SimulatedScan(NamedTuple):
@@ -33,13 +36,27 @@ def record(
     """Yield a scan every 0.1 s of a walk along the building's waypoints."""
     poses = walk(building.waypoints, period_s=PERIOD_S, speed_m_s=SPEED_M_S, turn_rad_s=TURN_RAD_S)
     for index, pose in enumerate(poses):
-        scan = Scan.checked(
-            lidar.measure(building.walls, pose, rng),
-            angle_min_rad=-np.pi,
-            angle_increment_rad=lidar.angle_increment_rad,
-            range_min_m=lidar.range_min_m,
-            range_max_m=lidar.range_max_m,
-            stamp_ns=START_NS + round(index * PERIOD_S * 1e9),
-            frame_id=frame_id,
-        )
-        yield SimulatedScan(scan, pose)
+        ranges = lidar.measure(building.walls, pose, rng)
+        stamp_ns = START_NS + round(index * PERIOD_S * 1e9)
+        yield SimulatedScan(lidar.scan(ranges, stamp_ns, frame_id), pose)
+
+
+def record_exploration(
+    world: GridWorld,
+    lidar: Lidar,
+    settings: Exploration,
+    rng: np.random.Generator,
+    *,
+    depth: float = 0.5,
+    frame_id: str = 'laser',
+) -> Iterator[SimulatedScan]:
+    """Yield a scan from every stop of a robot that explores a grid; stamps are when it stands."""
+    # The noise has a source of its own: with other noise the robot still goes the same way.
+    noise = rng.spawn(1)[0]
+    bearings = lidar.bearings()
+    time_s = 0.0
+    for stop in explore(world, settings, rng):
+        time_s += STANDING_S + (len(stop.way) - 1) * world.spec.resolution_m / SPEED_M_S
+        exact = world.ranges(stop.pose, bearings, lidar.range_max_m, depth)
+        stamp_ns = START_NS + round(time_s * 1e9)
+        yield SimulatedScan(lidar.scan(lidar.observe(exact, noise), stamp_ns, frame_id), stop.pose)

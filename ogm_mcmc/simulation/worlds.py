@@ -9,8 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ogm_mcmc.arrays import Float64Array
+from ogm_mcmc.geometry import GridMap, GridSpec
+from ogm_mcmc.geometry.traversal_kernels import trace_ray
+from ogm_mcmc.simulation.raster_kernels import walk_distances
 
-__all__ = ['WORLDS', 'Building', 'office']
+__all__ = ['WORLDS', 'Building', 'office', 'rasterised']
 
 
 class Building(NamedTuple):
@@ -77,6 +80,33 @@ def office() -> Building:
     # Off the borders of the usual cells, where rounding would decide which side a wall is on.
     off = np.array([0.02, 0.03])
     return Building(np.array(walls) + np.tile(off, 2), np.array(waypoints) + off)
+
+
+def rasterised(building: Building, resolution_m: float) -> GridMap:
+    """Return the true map: cells that a wall crosses are occupied, those behind all walls unknown.
+
+    Free is what can be reached from the first waypoint, side by side.
+    """
+    x, y = building.walls[:, ::2], building.walls[:, 1::2]
+    column0, row0 = (math.floor(v.min() / resolution_m) - 1 for v in (x, y))
+    column1, row1 = (math.floor(v.max() / resolution_m) + 2 for v in (x, y))
+    spec = GridSpec(resolution_m, column1 - column0, row1 - row0, column0, row0)
+    occupied = np.zeros((spec.height, spec.width), np.uint8)
+    scratch = np.empty((2, spec.width + spec.height + 3), np.int64)
+    for wall in building.walls / resolution_m:
+        # The traversal counts from the corner of the segment's first cell.
+        column, row = math.floor(wall[0]), math.floor(wall[1])
+        ends = (wall[0] - column, wall[1] - row, wall[2] - column, wall[3] - row)
+        count = trace_ray(column - column0, row - row0, *ends, scratch[0], scratch[1])
+        occupied[scratch[1, :count], scratch[0, :count]] = 1
+    distances = np.empty(occupied.shape, np.int32)
+    queue = np.empty(occupied.size, np.int32)
+    start = spec.cell_of(*map(float, building.waypoints[0]))
+    walk_distances(occupied == 0, *start, distances, queue)
+    probability = np.full(occupied.shape, np.nan, np.float32)
+    probability[distances >= 0] = 0.0
+    probability[occupied == 1] = 1.0
+    return GridMap(spec, probability)
 
 
 WORLDS: dict[str, Callable[[], Building]] = {'office': office}

@@ -8,7 +8,15 @@ import pytest
 
 from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.geometry import Pose2D
-from ogm_mcmc.simulation import WORLDS, Lidar, record, true_ranges, walk
+from ogm_mcmc.simulation import (
+    WORLDS,
+    Building,
+    Lidar,
+    rasterised,
+    record,
+    true_ranges,
+    walk,
+)
 
 ROOM = np.array([(0, 0, 4, 0), (4, 0, 4, 3), (4, 3, 0, 3), (0, 3, 0, 0)], np.float64)
 
@@ -45,8 +53,47 @@ def test_noise_dropouts_and_range_limit():
     assert np.array_equal(np.isinf(seen), exact > 1.8)
 
 
+def test_too_near_clutter_and_field_of_view():
+    lidar = Lidar(beams=20_001, range_min_m=1.2, noise_m=0.0, dropout=0.0, clutter=0.25)
+    exact = true_ranges(ROOM, Pose2D(2.0, 1.5), lidar.bearings())
+    ranges = lidar.measure(ROOM, Pose2D(2.0, 1.5), np.random.default_rng(0))
+    same = ranges == np.where(exact < 1.2, -np.inf, exact).astype(np.float32)
+    assert (~same).mean() == pytest.approx(0.25, abs=0.01)
+    anything = ranges[~same]
+    assert anything.min() >= 1.2
+    assert anything.mean() == pytest.approx((1.2 + 12.0) / 2, rel=0.02)
+    front = Lidar(beams=181, field_of_view_rad=math.pi)
+    assert front.bearings()[[0, 90, 180]] == pytest.approx([-math.pi / 2, 0.0, math.pi / 2])
+    around = Lidar(beams=4)
+    assert around.bearings() == pytest.approx([-math.pi, -math.pi / 2, 0.0, math.pi / 2])
+    scan = front.scan(np.ones(181, np.float32), 7, 'front')
+    assert (scan.angle_min_rad, scan.stamp_ns) == (pytest.approx(-math.pi / 2), 7)
+
+
+def test_true_map_of_a_building():
+    """The room of 4 m x 3 m in cells of 0.5 m: a ring of walls around 7 x 5 free ones."""
+    off = np.tile([0.1, 0.1], 2)
+    room = Building(ROOM + off, np.array([(1.0, 1.0), (2.0, 1.0)]))
+    truth = rasterised(room, 0.5)
+    assert (truth.probability == 0.0).sum() == 7 * 5
+    assert (truth.probability == 1.0).sum() == 9 * 7 - 7 * 5
+    assert np.isnan(truth.probability[0]).all()
+    column, row = truth.spec.cell_of(4.1, 3.1)
+    assert truth.probability[row, column] == 1.0
+    office = rasterised(WORLDS['office'](), 0.05)
+    assert (office.probability == 0.0).sum() * 0.05**2 == pytest.approx(180.0, rel=0.05)
+
+
 @pytest.mark.parametrize(
-    'settings', [{'beams': 0}, {'range_max_m': 0.0}, {'noise_m': -1.0}, {'dropout': 1.0}]
+    'settings',
+    [
+        {'beams': 0},
+        {'range_max_m': 0.0},
+        {'noise_m': -1.0},
+        {'dropout': 1.0},
+        {'clutter': -0.1},
+        {'field_of_view_rad': 7.0},
+    ],
 )
 def test_a_lidar_that_cannot_be(settings):
     with pytest.raises(ConfigError):

@@ -1,0 +1,61 @@
+"""`experiment NAME`: a published table or figure, our numbers beside the paper's."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+from ogm_mcmc import __version__
+from ogm_mcmc.cli.options import Subparsers, add_json, print_result
+from ogm_mcmc.errors import OutputError, require
+from ogm_mcmc.experiments import EXPERIMENTS, make_page
+from ogm_mcmc.experiments.results import table_text
+from ogm_mcmc.io.map_files import replacing, writable_folder
+from ogm_mcmc.plotting import require_matplotlib
+
+__all__ = ['add_to']
+
+
+def add_to(subparsers: Subparsers) -> None:
+    """Declare the command."""
+    parser = subparsers.add_parser('experiment', help="reproduce a paper's table or figure")
+    parser.add_argument('name', choices=sorted(EXPERIMENTS), help='which one')
+    parser.add_argument('--quick', action='store_true', help="minutes instead of the paper's size")
+    parser.add_argument('--seed', type=int, default=1)
+    parser.add_argument(
+        '-o', dest='folder', type=Path, metavar='DIR', help='default: out/experiments/NAME'
+    )
+    add_json(parser)
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run the command."""
+    require(options.seed >= 0, 'seed', options.seed, 'expected 0 or more')
+    require_matplotlib()
+    folder = writable_folder(options.folder or Path('out/experiments') / options.name)
+    paths = {
+        kind: folder / name for kind, name in (('json', 'result.json'), ('html', 'index.html'))
+    }
+    for path in paths.values():
+        if path.is_dir():
+            raise OutputError(f'{path}: is a folder; expected a name for a file')
+    started = time.perf_counter()
+    found = EXPERIMENTS[options.name](folder, quick=options.quick, seed=options.seed)
+    result: dict[str, Any] = {
+        'name': options.name,
+        'quick': options.quick,
+        'seed': options.seed,
+        'version': __version__,
+        'seconds': round(time.perf_counter() - started, 2),
+        **found,
+    }
+    page = make_page(folder, result)
+    with replacing(paths['json']) as json_file, replacing(paths['html']) as html_file:
+        json_file.write_text(json.dumps(result, indent=2) + '\n', encoding='utf-8')
+        html_file.write_text(page.html(), encoding='utf-8')
+    print_result(options, result, f'{table_text(result)}\n{paths["html"]}')
+    return 0

@@ -1,0 +1,46 @@
+"""Settings of a comparison between a map and the truth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ogm_mcmc.config.settings import check_bounds, setting
+
+__all__ = ['EvaluationConfig']
+
+
+@dataclass(frozen=True)
+class EvaluationConfig:
+    """Which cells are compared and what unknown ones stand for."""
+
+    mask: str = setting(
+        'all',
+        'cells that count: all; measured: known in the map; near: within near_cells of such',
+        choices=('all', 'measured', 'near'),
+    )
+    near_cells: int = setting(10, 'columns and rows, with mask near', low=0, high=100_000)
+    unknown: float = setting(
+        0.5, 'probability of cells the map never measured (its prior)', low=0.0, high=1.0
+    )
+    truth_unknown: str = setting(
+        'exclude',
+        'cells unknown in the truth: exclude them, or take them as occupied or free',
+        choices=('exclude', 'occupied', 'free'),
+    )
+    threshold: float = setting(
+        0.5, 'cells are called occupied from this probability on', low=0.0, high=1.0
+    )
+    floor: float = setting(
+        1e-6,
+        'for the divergence, estimates are kept this far from 0 and 1; 0 may give infinity',
+        low=0.0,
+        high=0.49,
+    )
+    bins: int = setting(10, 'bins of the reliability curve', low=1, high=1000)
+    nearest: bool = setting(
+        False, 'accept maps whose cells lie between those of the truth; the nearest is taken'
+    )
+
+    def __post_init__(self) -> None:
+        """Refuse what is out of bounds."""
+        check_bounds(self)

@@ -1,0 +1,66 @@
+"""How good a map is: against the truth, against another map, against beams it has not seen.
+
+Three questions, three kinds of answers:
+
+- Is the map right? Divergence from the truth ([gibbs] section IV), precision, recall and F1 over
+  thresholds ([patch] section IV), ROC curve, distance of drawn walls to true ones.
+- Are its probabilities to be believed? Reliability curve and expected calibration error; Brier
+  score.
+- What does it predict? Log-likelihood of held-out beams, which needs no truth at all; entropy
+  and the information a scan from somewhere is expected to give.
+
+Everything takes plain arrays or a `GridMap`; unknown cells are nan, and the caller says what
+they stand for. Counts and bins of several maps add up (`pooled`). `compare` computes all figures
+of a map and its truth at once; `first_hits` is the one place where beams meet probabilities.
+"""
+
+from ogm_mcmc.evaluation.beam_likelihood import (
+    LogDensity,
+    beam_log_likelihood,
+    informative_beams,
+    log_likelihood_of_samples,
+    table_log_density,
+)
+from ogm_mcmc.evaluation.calibration import Reliability, brier_score, reliability
+from ogm_mcmc.evaluation.classification import Scores, ThresholdCounts, confusion_counts
+from ogm_mcmc.evaluation.comparison import Comparison, aligned, compare
+from ogm_mcmc.evaluation.distance import DistanceError, distance_to, occupied_distance_error
+from ogm_mcmc.evaluation.divergence import (
+    Divergence,
+    divergence,
+    entropy_nats,
+    total_divergence,
+)
+from ogm_mcmc.evaluation.first_hits import FirstHits, first_hits
+from ogm_mcmc.evaluation.information import expected_information_gain
+from ogm_mcmc.evaluation.masks import MASKS, cells_that_count, near
+
+__all__ = [
+    'MASKS',
+    'Comparison',
+    'DistanceError',
+    'Divergence',
+    'FirstHits',
+    'LogDensity',
+    'Reliability',
+    'Scores',
+    'ThresholdCounts',
+    'aligned',
+    'beam_log_likelihood',
+    'brier_score',
+    'cells_that_count',
+    'compare',
+    'confusion_counts',
+    'distance_to',
+    'divergence',
+    'entropy_nats',
+    'expected_information_gain',
+    'first_hits',
+    'informative_beams',
+    'log_likelihood_of_samples',
+    'near',
+    'occupied_distance_error',
+    'reliability',
+    'table_log_density',
+    'total_divergence',
+]

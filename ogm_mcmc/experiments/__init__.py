@@ -1,0 +1,44 @@
+"""The published tables and figures, one command each: `ogm_mcmc experiment NAME`.
+
+How to add one: write a module with a function
+
+    def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]
+
+and name it in `EXPERIMENTS`. It may write PNG pictures into `folder`, which exists, and returns
+what came out, ready for JSON. These keys are shown on the page and on the terminal if present:
+
+``rows``      a list made by `row`: what was measured, our value beside the published one
+``pictures``  captions by file name
+``settings``  everything the numbers depend on
+``notes``     sentences: deviations from the paper and where we fall short
+
+The command adds name, seed and duration, and writes ``result.json`` and ``index.html``. `quick`
+is for minutes at most, with fewer or smaller data sets; otherwise the size is the paper's.
+Many independent data sets go through `datasets.run_all`: all cores, one file for each that is
+finished, and an interrupted run goes on where it was.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Protocol
+
+from ogm_mcmc.experiments import counting, patch_sim_traditional
+from ogm_mcmc.experiments.datasets import run_all
+from ogm_mcmc.experiments.results import make_page, row
+
+__all__ = ['EXPERIMENTS', 'Run', 'make_page', 'row', 'run_all']
+
+
+class Run(Protocol):
+    """One experiment."""
+
+    def __call__(self, folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
+        """Do it; return what came out."""
+        ...
+
+
+EXPERIMENTS: dict[str, Run] = {
+    'counting': counting.run,
+    'patch-sim-traditional': patch_sim_traditional.run,
+}

@@ -1,0 +1,82 @@
+"""Curves, as PNG pictures made by matplotlib."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ogm_mcmc.arrays import AnyArray
+from ogm_mcmc.errors import ConfigError
+
+__all__ = ['Series', 'curves_png', 'require_matplotlib']
+
+# More points than a picture has columns only make it slow.
+MAX_POINTS = 2000
+
+
+class Series(NamedTuple):
+    """One curve: its label, x (N,) and y (N,); `style` as matplotlib has it."""
+
+    label: str
+    x: AnyArray
+    y: AnyArray
+    style: str = '-'
+
+
+def require_matplotlib() -> None:
+    """Raise ConfigError where matplotlib is not installed; call it before long work."""
+    try:
+        import matplotlib.figure  # noqa: F401
+    except ImportError as error:
+        raise ConfigError(
+            f'curves need matplotlib ({error}): pip install "ogm_mcmc[plots]"'
+        ) from error
+
+
+def curves_png(
+    series: Sequence[Series],
+    x_label: str,
+    y_label: str,
+    *,
+    title: str = '',
+    x_limits: tuple[float, float] | None = None,
+    y_limits: tuple[float, float] | None = None,
+    log_y: bool = False,
+    log_x: bool = False,
+) -> bytes:
+    """Draw curves into one picture of 640 x 480 pixels."""
+    require_matplotlib()
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(6.4, 4.8), dpi=100, layout='tight')
+    axes = figure.add_subplot()
+    for curve in series:
+        x, y = _thinned(curve.x), _thinned(curve.y)
+        axes.plot(x, y, curve.style, label=curve.label, linewidth=1.5)
+    axes.set_xlabel(x_label)
+    axes.set_ylabel(y_label)
+    axes.set_title(title)
+    axes.grid(visible=True, alpha=0.3)
+    if x_limits is not None:
+        axes.set_xlim(*x_limits)
+    if y_limits is not None:
+        axes.set_ylim(*y_limits)
+    if log_x:
+        axes.set_xscale('log')
+    if log_y:
+        axes.set_yscale('log')
+    if len(series) > 1:
+        axes.legend(fontsize=8)
+    stream = io.BytesIO()
+    figure.savefig(stream, format='png')
+    return stream.getvalue()
+
+
+def _thinned(values: AnyArray) -> AnyArray:
+    array = np.asarray(values)
+    if array.size <= MAX_POINTS:
+        return array
+    return array[np.unique(np.linspace(0, array.size - 1, MAX_POINTS).astype(np.int64))]

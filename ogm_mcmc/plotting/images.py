@@ -1,0 +1,62 @@
+"""Grids as PNG pictures, a pixel per cell, top row the highest y."""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+from PIL import Image
+
+from ogm_mcmc.arrays import AnyArray, BoolArray, UInt8Array
+
+__all__ = ['agreement_png', 'heat_png', 'probability_png']
+
+UNKNOWN_COLOUR = (190, 198, 208)
+WHITE = (255, 255, 255)
+
+# Right wall, missing wall, wall where none is, right free cell, cell that does not count.
+AGREEMENT_COLOURS = ((20, 20, 20), (31, 119, 180), (214, 39, 40), WHITE, UNKNOWN_COLOUR)
+
+# From nothing to a lot: white, yellow, orange, red, black.
+HEAT = ((255, 255, 255), (255, 237, 160), (254, 178, 76), (227, 26, 28), (60, 0, 20))
+
+
+def _png(pixels: UInt8Array, palette: list[int]) -> bytes:
+    image = Image.fromarray(np.ascontiguousarray(pixels[::-1])).convert('P')
+    image.putpalette(palette)
+    stream = io.BytesIO()
+    image.save(stream, format='PNG', optimize=True)
+    return stream.getvalue()
+
+
+def probability_png(probability: AnyArray) -> bytes:
+    """Black occupied, white free, bluish grey unknown (nan)."""
+    p = np.asarray(probability, np.float64)
+    shade = np.rint(254.0 * (1.0 - np.nan_to_num(p))).astype(np.uint8)
+    shade[~np.isfinite(p)] = 255
+    greys = np.repeat(np.rint(np.linspace(0.0, 255.0, 255)).astype(np.uint8), 3)
+    return _png(shade, [*greys.tolist(), *UNKNOWN_COLOUR])
+
+
+def heat_png(values: AnyArray, top: float) -> bytes:
+    """White at 0, yellow, red, black from `top` on; bluish grey where nan."""
+    heat = np.asarray(values, np.float64)
+    share = np.clip(np.nan_to_num(heat, nan=0.0, posinf=top) / top, 0.0, 1.0)
+    shade = np.rint(254.0 * share).astype(np.uint8)
+    shade[np.isnan(heat)] = 255
+    stops = np.array(HEAT, np.float64)
+    at = np.linspace(0.0, len(HEAT) - 1.0, 255)
+    colours = np.stack(
+        [np.interp(at, np.arange(len(HEAT)), stops[:, channel]) for channel in range(3)], axis=1
+    )
+    return _png(shade, [*np.rint(colours).astype(int).ravel().tolist(), *UNKNOWN_COLOUR])
+
+
+def agreement_png(called: BoolArray, occupied: BoolArray, counted: BoolArray) -> bytes:
+    """Black: walls found; blue: missed; red: drawn where none is; grey: does not count."""
+    kinds = np.full(called.shape, 3, np.uint8)
+    kinds[called & occupied] = 0
+    kinds[~called & occupied] = 1
+    kinds[called & ~occupied] = 2
+    kinds[~counted] = 4
+    return _png(kinds, [value for colour in AGREEMENT_COLOURS for value in colour])

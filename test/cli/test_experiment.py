@@ -1,0 +1,62 @@
+"""`experiment`: the files it leaves and the mistakes it names; all that are registered run."""
+
+import inspect
+import json
+
+import pytest
+
+from ogm_mcmc.cli.main import run
+from ogm_mcmc.experiments import EXPERIMENTS
+
+
+def test_files_and_text(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert run(['experiment', 'counting', '--quick', '--seed', '4']) == 0
+    printed = capsys.readouterr().out
+    assert 'reflection map' in printed
+    assert '0.6000' in printed
+    folder = tmp_path / 'out' / 'experiments' / 'counting'
+    assert {path.name for path in folder.iterdir()} == {
+        'counting.png', 'index.html', 'result.json',
+    }  # fmt: skip
+    result = json.loads((folder / 'result.json').read_text())
+    assert (result['seed'], result['quick']) == (4, True)
+    page = (folder / 'index.html').read_text()
+    assert page.count('src="data:image/png;base64,') == 1
+    assert 'published' in page
+    assert 'http' not in page
+    assert run(['experiment', 'counting', '--quick', '--json', '-o', 'there']) == 0
+    again = json.loads(capsys.readouterr().out)
+    assert json.loads((tmp_path / 'there' / 'result.json').read_text()) == again
+
+
+@pytest.mark.parametrize('name', sorted(EXPERIMENTS))
+def test_every_experiment_keeps_the_agreement(name):
+    parameters = inspect.signature(EXPERIMENTS[name]).parameters
+    assert list(parameters) == ['folder', 'quick', 'seed']
+    assert parameters['quick'].kind is parameters['seed'].kind is inspect.Parameter.KEYWORD_ONLY
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'reason'),
+    [
+        (['moon'], 'moon'),
+        (['counting', '--seed', '-1'], 'seed is -1'),
+        (['counting', '-o', 'notes.txt'], 'expected a writable folder'),
+    ],
+    ids=lambda value: ' '.join(value) if isinstance(value, list) else '',
+)
+def test_a_mistake_is_one_line_and_leaves_nothing(
+    tmp_path, monkeypatch, capsys, arguments, reason
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / 'notes.txt').write_text('nothing of use')
+    try:
+        code = run(['experiment', *arguments])
+    except SystemExit as stopped:  # argparse's own
+        code = stopped.code
+    assert code == 2
+    lines = [line for line in capsys.readouterr().err.splitlines() if 'error' in line]
+    assert len(lines) == 1
+    assert reason in lines[0]
+    assert [path.name for path in tmp_path.iterdir()] == ['notes.txt']

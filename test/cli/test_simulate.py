@@ -1,0 +1,166 @@
+"""`simulate`: a bag, the true map and the true poses, which agree with each other."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from ogm_mcmc.cli.main import run
+from ogm_mcmc.io.bags import BagReader
+from ogm_mcmc.io.map_files import load_map
+from ogm_mcmc.io.scan_stream import PlacedScans, StreamChoice, choose_topics
+from ogm_mcmc.simulation import GridWorld
+
+
+def command(capsys, *arguments):
+    """Run in this process; return the exit code and what was printed."""
+    try:
+        code = run([str(argument) for argument in arguments])
+    except SystemExit as stopped:  # argparse's own
+        code = stopped.code
+    printed = capsys.readouterr()
+    return code, printed.out, printed.err
+
+
+def placed_scans(path):
+    with BagReader(path) as bag:
+        choice = StreamChoice()
+        return list(PlacedScans(bag, choose_topics(bag, choice), choice))
+
+
+@pytest.mark.jit
+def test_bag_truth_and_poses_agree(tmp_path, capsys):
+    code, out, err = command(
+        capsys, 'simulate', 'building-10', '-o', tmp_path / 'bag', '--json', '--max-scans', 15,
+        '--beams', 60, '--range-max', 7.5, '--noise', 0, '--dropout', 0,
+    )  # fmt: skip
+    assert code == 0, err
+    result = json.loads(out)
+    assert result['scans'] == 15
+    world = GridWorld.from_map(load_map(tmp_path / 'bag_truth.yaml'))
+    placed = placed_scans(tmp_path / 'bag')
+    with (tmp_path / 'bag_poses.csv').open() as stream:
+        rows = list(csv.DictReader(stream))
+    assert [int(row['stamp_ns']) for row in rows] == [p.scan.stamp_ns for p in placed]
+    for row, (scan, belief) in zip(rows, placed, strict=True):
+        assert belief.mean.x_m == pytest.approx(float(row['x_m']), abs=1e-12)
+        assert belief.mean.yaw_rad == pytest.approx(float(row['yaw_rad']), abs=1e-9)
+        bearings = scan.angle_min_rad + scan.angle_increment_rad * np.arange(60)
+        exact = world.ranges(belief.mean, bearings, 7.5)
+        exact[exact > 7.5] = np.inf
+        # Angles go through float32 in a message: a grazing beam may meet another cell.
+        same = np.isclose(scan.ranges_m, exact, atol=1e-4)
+        assert same.mean() > 0.9
+
+
+@pytest.mark.jit
+def test_mapped_and_evaluated(tmp_path, capsys):
+    """The whole way, and what comes out is the building."""
+    bag, maps = tmp_path / 'bag', tmp_path / 'maps'
+    arguments = ('--beams', 180, '--range-max', 7.5, '--noise-cells', 0.5)
+    assert command(capsys, 'simulate', 'building-10', '-o', bag, *arguments)[0] == 0
+    assert command(capsys, 'map', bag, '-o', maps, '--resolution', 0.1)[0] == 0
+    code, out, _ = command(
+        capsys, 'evaluate', maps / 'map.npz', '--truth', tmp_path / 'bag_truth.yaml', '--json',
+        '-o', maps, '--mask', 'measured',
+    )  # fmt: skip
+    assert code == 0
+    figures = json.loads(out)
+    assert figures['measured_cells'] > 180_000
+    assert figures['roc_area'] > 0.98
+    assert figures['best']['f1'] > 0.7
+
+
+@pytest.mark.jit
+def test_noise_in_cells_and_in_metres(tmp_path, capsys):
+    """Cells of this world are 0.1 m: 2 cells are 0.2 m, to the last digit."""
+    for name, noise in (('a', ('--noise-cells', 2)), ('b', ('--noise', 0.2))):
+        few = ('--max-scans', 3, '--beams', 30)
+        assert (
+            command(capsys, 'simulate', 'building-9', '-o', tmp_path / name, *few, *noise)[0] == 0
+        )
+    for one, other in zip(placed_scans(tmp_path / 'a'), placed_scans(tmp_path / 'b'), strict=True):
+        assert np.array_equal(one.scan.ranges_m, other.scan.ranges_m, equal_nan=True)
+
+
+def test_a_picture_as_a_world(tmp_path, capsys):
+    pixels = np.zeros((60, 80), np.uint8)
+    pixels[5:-5, 5:-5] = 255
+    pixels[30:34, 40:44] = 0
+    Image.fromarray(pixels).save(tmp_path / 'hall.png')
+    arguments = ('--resolution', 0.1, '--min-scans', 10, '--range-max', 3, '--beams', 90)
+    code, out, _ = command(
+        capsys, 'simulate', tmp_path / 'hall.png', '-o', tmp_path / 'bag', '--json', *arguments
+    )
+    assert code == 0
+    assert json.loads(out)['scans'] >= 10
+    truth = load_map(tmp_path / 'bag_truth.yaml')
+    assert np.array_equal(truth.probability == 1.0, pixels[::-1] == 0)
+
+
+@pytest.mark.jit
+def test_believed_poses(tmp_path, capsys):
+    """Particles instead of the truth in the bag; the truth beside it."""
+    code, _, err = command(
+        capsys, 'simulate', 'building-9', '-o', tmp_path / 'bag', '--localize', '--particles', 30,
+        '--max-scans', 4, '--range-max', 7.5, '--beams', 90,
+    )  # fmt: skip
+    assert code == 0, err
+    with (tmp_path / 'bag_poses.csv').open() as stream:
+        true = [(float(row['x_m']), float(row['y_m'])) for row in csv.DictReader(stream)]
+    with BagReader(tmp_path / 'bag') as bag:
+        assert {topic.name: topic.n_messages for topic in bag.topics()} == {
+            '/odom': 4, '/particles': 4, '/pose': 4, '/scan': 4,
+        }  # fmt: skip
+        choice = StreamChoice(pose_source='particles')
+        placed = list(PlacedScans(bag, choose_topics(bag, choice), choice))
+    for (_, belief), (x, y) in zip(placed, true, strict=True):
+        assert belief.particles.poses.shape == (30, 3)
+        assert np.hypot(belief.mean.x_m - x, belief.mean.y_m - y) < 0.3
+        assert belief.mean.x_m != x
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'reason'),
+    [
+        (['moon'], "world 'moon': expected office, building-1"),
+        (['notes.png'], 'expected a readable image'),
+        (['office', '--beams', '0'], 'beams is 0'),
+        (['office', '--seed', '-1'], 'seed is -1'),
+        (['office', '--resolution', '0'], 'resolution is 0'),
+        (['building-1', '--clutter', '2'], 'clutter is 2'),
+        (['building-1', '--range-max', '0.01'], 'range_max is 0.01'),
+        (['building-1', '--radius', '90'], 'radius is 900'),
+        (['building-1', '--depth', '2'], 'depth is 2'),
+        (['building-1', '--noise', '1', '--noise-cells', '1'], 'not allowed with'),
+        (['office', '--localize'], 'expected a world of cells'),
+        (['building-1', '--particles', '0'], 'particles is 0'),
+        (['building-1', '--max-scans', '0'], 'max_stops is 0'),
+    ],
+    ids=lambda value: ' '.join(value) if isinstance(value, list) else '',
+)
+def test_a_mistake_is_one_line_and_leaves_nothing(
+    tmp_path, monkeypatch, capsys, arguments, reason
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / 'notes.png').write_text('nothing of use')
+    code, _, err = command(capsys, 'simulate', *arguments, '-o', 'bag')
+    assert code == 2
+    lines = [line for line in err.splitlines() if 'error' in line]
+    assert len(lines) == 1
+    assert reason in lines[0]
+    assert [path.name for path in tmp_path.iterdir()] == ['notes.png']
+
+
+@pytest.mark.jit
+def test_the_truth_of_another_recording_is_not_overwritten(tmp_path, capsys):
+    few = ('--max-scans', 1, '--beams', 4)
+    (tmp_path / 'bag_poses.csv').write_text('mine')
+    code, _, err = command(capsys, 'simulate', 'building-9', '-o', tmp_path / 'bag', *few)
+    assert code == 2
+    assert 'bag_poses.csv: exists already' in err
+    again = ('simulate', 'building-9', '-o', tmp_path / 'bag', *few, '--overwrite')
+    assert command(capsys, *again)[0] == 0
+    assert command(capsys, *again)[0] == 0

@@ -1,0 +1,85 @@
+"""Pages and pictures: what is put in comes out, nothing leads outside."""
+
+import base64
+import io
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from ogm_mcmc.errors import ConfigError
+from ogm_mcmc.plotting import (
+    Page,
+    Picture,
+    Series,
+    agreement_png,
+    curves_png,
+    heat_png,
+    probability_png,
+    require_matplotlib,
+)
+from ogm_mcmc.plotting.images import UNKNOWN_COLOUR
+
+
+def pixels(png):
+    with Image.open(io.BytesIO(png)) as image:
+        return np.asarray(image.convert('RGB'))
+
+
+def test_probabilities_are_grey_and_the_top_row_is_the_highest():
+    picture = pixels(probability_png(np.array([[0.0, 1.0], [0.5, np.nan]])))
+    assert picture[1, 0].tolist() == [255, 255, 255]
+    assert picture[1, 1].tolist() == [0, 0, 0]
+    assert picture[0, 0].tolist() == [128, 128, 128]
+    assert tuple(picture[0, 1]) == UNKNOWN_COLOUR
+
+
+def test_heat_rises_to_the_top_and_stays_there():
+    picture = pixels(heat_png(np.array([[0.0, 0.2, 1.0, 5.0, np.inf, np.nan]]), 1.0))[0]
+    brightness = picture.sum(axis=1)
+    assert brightness[0] == 3 * 255
+    assert brightness[0] > brightness[1] > brightness[2]
+    assert (picture[2] == picture[3]).all()
+    assert (picture[3] == picture[4]).all()
+    assert tuple(picture[5]) == UNKNOWN_COLOUR
+
+
+def test_agreement_has_five_colours():
+    called = np.array([[1, 0, 1, 0, 0]], bool)
+    occupied = np.array([[1, 1, 0, 0, 0]], bool)
+    counted = np.array([[1, 1, 1, 1, 0]], bool)
+    colours = {tuple(pixel) for pixel in pixels(agreement_png(called, occupied, counted))[0]}
+    assert len(colours) == 5
+
+
+def test_curves_are_a_picture_that_changes_with_the_curve():
+    x = np.linspace(0.0, 1.0, 100_000)
+    one = curves_png([Series('a', x, x), Series('b', x, x**2)], 'x', 'y', title='both')
+    other = curves_png([Series('a', x, x), Series('b', x, x**3)], 'x', 'y', title='both')
+    assert pixels(one).shape == (480, 640, 3)
+    assert one != other
+
+
+def test_a_page_holds_everything_itself():
+    png = probability_png(np.zeros((2, 2)))
+    page = Page('a < b')
+    page.heading('tables & more')
+    page.table(('name', 'value'), [('x', 1.23456789), ('<script>', None), ('n', 12345678)])
+    page.pictures([Picture(png, 'cells "1"', cells=True)])
+    text = page.html()
+    HTMLParser().feed(text)
+    assert '<title>a &lt; b</title>' in text
+    assert '1.2346' in text
+    assert '12345678' in text
+    assert '<script' not in text
+    (embedded,) = re.findall(r'src="data:image/png;base64,([^"]+)"', text)
+    assert base64.b64decode(embedded) == png
+    assert 'http' not in text
+
+
+def test_without_matplotlib_one_line_says_what_to_do(monkeypatch):
+    monkeypatch.setitem(__import__('sys').modules, 'matplotlib.figure', None)
+    with pytest.raises(ConfigError, match=r'pip install "ogm_mcmc\[plots\]"'):
+        require_matplotlib()
