@@ -10,8 +10,11 @@ GridMap <--- posterior mean <--- PosteriorSampler.advance(sweeps) ... until a li
 from __future__ import annotations
 
 import time
+import zlib
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,7 +29,7 @@ from ogm_mcmc.config import (
     flatten,
 )
 from ogm_mcmc.errors import ConfigError, GridError, WindowError
-from ogm_mcmc.geometry import GridMap, GridSpec
+from ogm_mcmc.geometry import GridMap, GridSpec, Pose2D, PoseBelief, Scan
 from ogm_mcmc.mapping import make_method
 from ogm_mcmc.placement import Placement
 from ogm_mcmc.sampling import (
@@ -37,7 +40,7 @@ from ogm_mcmc.sampling import (
     over_dispersed_starts,
 )
 
-__all__ = ['Progress', 'Recording', 'Refinement', 'hide_uncertain', 'live_map']
+__all__ = ['Progress', 'Recording', 'Refinement', 'hide_uncertain', 'live_map', 'warm_up']
 
 NS_PER_S = 1_000_000_000
 
@@ -191,10 +194,11 @@ class Refinement:
         """
         if self.sampler is None:
             raise WindowError('no scan was taken: nothing to sample')
-        if self.config.chain.burn_in >= stop.max_sweeps:
+        # A sampler that was loaded has sweeps already.
+        if self.sampler.burn_in >= self.sampler.sweeps + stop.max_sweeps:
             raise ConfigError(
                 f'max_sweeps is {stop.max_sweeps}: expected more than burn_in '
-                f'({self.config.chain.burn_in}), or no sweep counts'
+                f'({self.sampler.burn_in}), or no sweep counts'
             )
         return self._rounds(self.sampler, stop, cancelled)
 
@@ -272,6 +276,38 @@ class Refinement:
         """Return what decided the samples: results carry it."""
         return {**flatten(self.config), 'scans': len(self._taken)}
 
+    # -- the state on disk ------------------------------------------------------------------
+
+    def save(self, path: Path) -> None:
+        """Write the state of the chains; `resume` goes on as if nothing had happened."""
+        if self.sampler is None:
+            raise WindowError('nothing was sampled yet: no state to save')
+        self.sampler.save(path, self._identity())
+
+    def resume(self, path: Path) -> int:
+        """Let the chains go on from a saved state of the same scans; return their sweeps.
+
+        Raises WindowError, with nothing changed, when the state is of other scans or settings.
+        """
+        if self.sampler is None:
+            raise WindowError('no scan was taken: nothing to resume')
+        sampler, saved = PosteriorSampler.load(path, self.sampler.model)
+        for name, here in self._identity().items():
+            if saved.get(name) != here:
+                raise WindowError(
+                    f'{path}: sampled with {name} {saved.get(name)!r}: expected {here!r}'
+                )
+        self.sampler, self.quality, self._summary = sampler, None, None
+        return sampler.sweeps
+
+    def _identity(self) -> dict[str, Any]:
+        """Return what a saved state must have in common with this one."""
+        settings = self.settings()
+        del settings['window.max_memory_mb']  # decides nothing that is drawn
+        index = self.window.index
+        check = zlib.crc32(index.first_cell.data)
+        return {**settings, 'rays_crc32': zlib.crc32(index.ray_likelihood.data, check)}
+
 
 def live_map(scans: Sequence[Placement], window: WindowConfig) -> GridMap:
     """Return the two-assumption map of the same scans on the same lattice."""
@@ -304,6 +340,27 @@ def _cells_on(spec: GridSpec, grid: GridMap, threshold: float) -> UInt8Array:
     inside = (rows >= 0) & (rows < spec.height) & (columns >= 0) & (columns < spec.width)
     cells[rows[inside], columns[inside]] = 1
     return cells.reshape(-1)
+
+
+def warm_up(config: SamplerConfig) -> int:
+    """Compile, or load from the cache, every kernel sampling needs; return the cells sampled.
+
+    Otherwise the first sweep of a process would take the time that is for sampling.
+    """
+    resolution = config.window.resolution
+    scan = Scan.checked(
+        np.array([1.5, 1.2]) * resolution,
+        angle_min_rad=0.1,
+        angle_increment_rad=1.0,
+        range_min_m=0.0,
+        range_max_m=2.0 * resolution,
+    )
+    window = replace(config.window, beam_stride=1, max_range=0.0)
+    refinement = Refinement(replace(config, window=window))
+    refinement.take([Placement(scan, PoseBelief(Pose2D()))])
+    assert refinement.sampler is not None
+    refinement.sampler.advance(1)
+    return int(refinement.sampler.model.touched.size)
 
 
 def hide_uncertain(grid_map: GridMap, prior: float, margin: float) -> GridMap:

@@ -19,6 +19,7 @@ from ogm_mcmc.cli import (
     info,
     map_bag,
     replay,
+    sample,
     simulate,
 )
 from ogm_mcmc.errors import OgmError
@@ -27,6 +28,7 @@ __all__ = ['run']
 
 COMMANDS = (
     map_bag,
+    sample,
     import_carmen,
     import_stata,
     simulate,

@@ -104,21 +104,26 @@ def flatten(config: Any, prefix: str = '') -> dict[str, Any]:
 
 
 def add_arguments(
-    parser: argparse._ActionsContainer, cls: type, without: tuple[str, ...] = ()
+    parser: argparse._ActionsContainer,
+    cls: type,
+    without: tuple[str, ...] = (),
+    short: Mapping[str, str] | None = None,
 ) -> None:
     """Declare one option per leaf; an option that is not given is None.
 
     `max_range` becomes `--max-range`, `step.l_occ` becomes `--step.l-occ`; values end up in the
-    namespace under their dotted names, see `given`.
+    namespace under their dotted names, see `given`. `short` names a second option for some.
     """
     for leaf in settings_of(cls):
         if leaf.name in without:
             continue
-        option = f'--{leaf.name.replace("_", "-")}'
+        options = [f'--{leaf.name.replace("_", "-")}']
+        if short is not None and leaf.name in short:
+            options.insert(0, short[leaf.name])
         text = f'{leaf.description} (default: {leaf.default})'.replace('%', '%%')
         if leaf.type is bool:
             parser.add_argument(
-                option,
+                *options,
                 dest=leaf.name,
                 action=argparse.BooleanOptionalAction,
                 default=None,
@@ -126,7 +131,7 @@ def add_arguments(
             )
         else:
             parser.add_argument(
-                option,
+                *options,
                 dest=leaf.name,
                 type=leaf.type,
                 choices=leaf.choices or None,

@@ -1,0 +1,46 @@
+"""All placed scans of a bag, for commands that need them at once."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import NamedTuple
+
+from tqdm import tqdm
+
+from ogm_mcmc.cli.options import stream_choice
+from ogm_mcmc.config import PlacingConfig
+from ogm_mcmc.errors import BagError
+from ogm_mcmc.io.bags import BagReader
+from ogm_mcmc.io.scan_stream import PlacedScans, StreamTopics, choose_topics
+from ogm_mcmc.pipeline import mounted, sensor_mount
+from ogm_mcmc.placement import Placement
+
+__all__ = ['BagScans', 'read_bag']
+
+
+class BagScans(NamedTuple):
+    """Scans with the belief about their sensor's pose; how many were dropped, by reason."""
+
+    placements: list[Placement]
+    topics: StreamTopics
+    dropped: dict[str, int]
+
+
+def read_bag(options: argparse.Namespace, placing: PlacingConfig) -> BagScans:
+    """Read and place all scans of `options.bag`. Raises BagError when none can be placed."""
+    path: Path = options.bag
+    mount = sensor_mount(placing.mount)
+    with BagReader(path) as bag:
+        choice = stream_choice(options, placing)
+        topics = choose_topics(bag, choice)
+        with tqdm(total=topics.scan.n_messages, unit=' scans', desc='read', disable=None) as bar:
+            placed = PlacedScans(bag, topics, choice, on_scan=bar.update)
+            placements = [mounted(scan, robot, mount) for scan, robot in placed]
+    dropped = dict(placed.placer.dropped)
+    if not placements:
+        raise BagError(
+            f'{path}: none of {topics.scan.n_messages} scans could be placed ({dropped}): '
+            f'expected poses on {topics.pose.name} around the stamps of {topics.scan.name}'
+        )
+    return BagScans(placements, topics, dropped)
