@@ -40,7 +40,15 @@ from ogm_mcmc.sampling import (
     over_dispersed_starts,
 )
 
-__all__ = ['Progress', 'Recording', 'Refinement', 'hide_uncertain', 'live_map', 'warm_up']
+__all__ = [
+    'Progress',
+    'Recording',
+    'Refinement',
+    'cells_on',
+    'hide_uncertain',
+    'live_map',
+    'warm_up',
+]
 
 NS_PER_S = 1_000_000_000
 
@@ -155,16 +163,16 @@ class Refinement:
         chain, spec = self.config.chain, self.window.spec
         model = CellModel(self.window.index, chain.prior_log_odds, spec.width, chain.order)
         if warm:
-            starts = [_cells_on(spec, grid, 0.5) for grid in warm]
+            starts = [cells_on(spec, grid, 0.5) for grid in warm]
         elif start is not None:
-            starts = [_cells_on(spec, start, chain.start_threshold)] * chain.chains
+            starts = [cells_on(spec, start, chain.start_threshold)] * chain.chains
         else:
             live = live_map(self._taken, self.config.window)
             starts = over_dispersed_starts(
                 chain.start,
                 chain.chains,
                 model.n_cells,
-                _cells_on(spec, live, chain.start_threshold),
+                cells_on(spec, live, chain.start_threshold),
                 chain.prior,
                 chain.seed,
             )
@@ -321,7 +329,7 @@ def live_map(scans: Sequence[Placement], window: WindowConfig) -> GridMap:
     return GridMap(mapper.spec, mapper.probabilities(mapper.spec.box))
 
 
-def _cells_on(spec: GridSpec, grid: GridMap, threshold: float) -> UInt8Array:
+def cells_on(spec: GridSpec, grid: GridMap, threshold: float) -> UInt8Array:
     """Return a map (K,) of a window: 1 where `grid` is at least at a threshold, 0 elsewhere."""
     same = (
         grid.spec.resolution_m == spec.resolution_m
