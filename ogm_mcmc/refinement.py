@@ -371,10 +371,11 @@ def warm_up(config: SamplerConfig) -> int:
     return int(refinement.sampler.model.touched.size)
 
 
-def hide_uncertain(grid_map: GridMap, prior: float, margin: float) -> GridMap:
+def hide_uncertain(grid_map: GridMap, prior: float, margin: float | Float32Array) -> GridMap:
     """Return a map with nan wherever it is no more certain than the prior.
 
-    Certain is max(p, 1 - p); a cell is shown when it exceeds that of the prior by `margin`.
+    Certain is max(p, 1 - p); a cell is shown when it exceeds that of the prior by `margin`, one
+    number or one for every cell.
     """
     p = grid_map.probability
     limit = max(prior, 1.0 - prior) + margin

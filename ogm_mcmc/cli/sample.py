@@ -76,7 +76,8 @@ def add_to(subparsers: Subparsers) -> None:
     )
     parser.add_argument(
         '--margin', type=float, default=0.03,
-        help='PGM and PNG: known where more certain than the prior by this (default: 0.03)',
+        help='PGM and PNG: known where more certain than the prior by this and two standard '
+        'errors (default: 0.03)',
     )  # fmt: skip
     add_config_options(parser, 'sampling', *CONFIGS, without=('output',), short=SHORT)
     add_stream_options(parser)

@@ -40,12 +40,12 @@ def write_all(
 ) -> dict[str, str]:
     """Write map, NPZ, entropy, samples and JSON; return the paths by kind.
 
-    PGM and PNG show what is more certain than the prior; the NPZ holds everything. All files
+    PGM and PNG show what is more certain than the prior by the margin and two Monte Carlo
+    standard errors; the NPZ holds everything. All files
     are made under other names first: an old set is replaced as a whole.
     """
     refinement, settings = sampled.refinement, result['settings']
     mean = refinement.map().cropped()
-    box = mean.spec.box
     paths = {kind: folder / f'{name}.{kind}' for kind in ('npz', 'png', 'pgm', 'yaml')}
     paths['entropy'] = folder / f'{name}_entropy.png'
     if sampled.maps:
@@ -65,8 +65,11 @@ def write_all(
     with tempfile.TemporaryDirectory(dir=folder, prefix=f'.{name}-') as scratch:
         at = {kind: Path(scratch) / path.name for kind, path in paths.items()}
         prior = refinement.config.chain.prior
-        save_map(hide_uncertain(mean, prior, sampled.margin), Path(scratch), output, name)
-        save_npz(mean, at['npz'], settings, _layers(refinement, box))
+        layers = _layers(refinement, mean.spec.box)
+        # Chance alone makes some cells look known: two standard errors on top.
+        margin = np.float32(sampled.margin) + np.float32(2.0) * np.nan_to_num(layers['mcse'])
+        save_map(hide_uncertain(mean, prior, margin), Path(scratch), output, name)
+        save_npz(mean, at['npz'], settings, layers)
         at['entropy'].write_bytes(heat_png(entropy_bits(mean.probability), 1.0))
         if sampled.maps:
             save_samples(_unpacked(sampled, mean), at['samples'], sampled.thin, settings)

@@ -23,7 +23,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, Protocol
 
-from ogm_mcmc.experiments import counting, patch_sim_traditional
+from ogm_mcmc.experiments import (
+    counting,
+    gibbs_1d,
+    patch_mutual_information,
+    patch_sim_traditional,
+)
 from ogm_mcmc.experiments.datasets import run_all
 from ogm_mcmc.experiments.results import make_page, row
 
@@ -40,5 +45,7 @@ class Run(Protocol):
 
 EXPERIMENTS: dict[str, Run] = {
     'counting': counting.run,
+    'gibbs-1d': gibbs_1d.run,
+    'patch-mutual-information': patch_mutual_information.run,
     'patch-sim-traditional': patch_sim_traditional.run,
 }

@@ -6,7 +6,7 @@ import numpy as np
 
 from ogm_mcmc.arrays import AnyArray, Float64Array
 
-__all__ = ['mutual_information_bits']
+__all__ = ['mutual_information_bits', 'pair_information_bits']
 
 
 def mutual_information_bits(samples: AnyArray) -> Float64Array:
@@ -17,8 +17,14 @@ def mutual_information_bits(samples: AnyArray) -> Float64Array:
     """
     ones = samples.astype(np.float64)
     n = ones.shape[0]
-    both = ones.T @ ones / n
-    p = ones.mean(axis=0)
+    return pair_information_bits(ones.mean(axis=0), ones.T @ ones / n)
+
+
+def pair_information_bits(p: Float64Array, both: Float64Array) -> Float64Array:
+    """Mutual information (c, c), bits, of cells that are occupied with `p` (c,), two with `both`.
+
+    both  (c, c): p(a = 1, b = 1), on the diagonal p(a = 1)
+    """
     joint = np.stack(
         (both, p[:, None] - both, p[None, :] - both, 1.0 - p[:, None] - p[None, :] + both)
     )
