@@ -6,6 +6,8 @@ Capability table
 what                      where                                source
 ========================  ===================================  =============================
 live map, known pose      `ogm_mcmc.mapping.two_assumption`    [gibbs] section II, [slides]
+full posterior, sampled   `ogm_mcmc.sampling`, `.refinement`   [gibbs] section III
+full posterior, exactly   `ogm_mcmc.exact`                     [gibbs] section II
 exact ray traversal       `ogm_mcmc.geometry`                  none, see its design note
 divergence, scores, ...   `ogm_mcmc.evaluation`                [gibbs] and [patch] section IV
 published results         `ogm_mcmc.experiments`               the papers
