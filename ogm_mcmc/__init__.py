@@ -6,9 +6,15 @@ Capability table
 what                      where                                source
 ========================  ===================================  =============================
 live map, known pose      `ogm_mcmc.mapping.two_assumption`    [gibbs] section II, [slides]
+live map, uncertain pose  `ogm_mcmc.mapping.pose_uncertain`    [pose] section V
+reflection probabilities  `ogm_mcmc.mapping.counting`          [slides]
+maps from sonars          `ogm_mcmc.mapping.sonar`             [slides]
+inverse sensor models     `ogm_mcmc.sensors.inverse_model`     [pose] Eq. 4, [slides]
 full posterior, sampled   `ogm_mcmc.sampling`, `.refinement`   [gibbs] section III
 full posterior, exactly   `ogm_mcmc.exact`                     [gibbs] section II
 exact ray traversal       `ogm_mcmc.geometry`                  none, see its design note
+learned patch priors      `ogm_mcmc.sampling.patch_prior`      [patch] section III
+joint patch prior         `ogm_mcmc.sampling.patch_field`      none, see its docstring
 divergence, scores, ...   `ogm_mcmc.evaluation`                [gibbs] and [patch] section IV
 published results         `ogm_mcmc.experiments`               the papers
 pages, curves, pictures   `ogm_mcmc.plotting`                  extra `plots`

@@ -13,6 +13,7 @@ __all__ = [
     'OgmError',
     'OutputError',
     'PoseError',
+    'PriorError',
     'ScanError',
     'WindowError',
     'require',
@@ -53,6 +54,10 @@ class MapFileError(OgmError, ValueError):
 
 class WindowError(OgmError, ValueError):
     """A window of scans that cannot be sampled: nothing in it, or more than memory allows."""
+
+
+class PriorError(OgmError, ValueError):
+    """A patch prior that cannot be learned, read or used."""
 
 
 class OutputError(OgmError, OSError):

@@ -12,10 +12,14 @@ The node `online_mapper`, the commands `map` and `bench`, and the tests all run 
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import lru_cache
+
 import numpy as np
 
 from ogm_mcmc.arrays import Float32Array, Int8Array
-from ogm_mcmc.config import MapperConfig, MountConfig, OutputConfig
+from ogm_mcmc.config import MapperConfig, MountConfig, OutputConfig, flatten
+from ogm_mcmc.errors import require
 from ogm_mcmc.geometry import (
     CellBox,
     GridMap,
@@ -26,7 +30,7 @@ from ogm_mcmc.geometry import (
     SensorMount,
 )
 from ogm_mcmc.geometry.grid_map import entropy_bits, occupancy_values, trinary_values
-from ogm_mcmc.mapping import make_method
+from ogm_mcmc.mapping import Reconfigurable, make_method
 from ogm_mcmc.placement import Placement
 
 __all__ = ['MapView', 'MappingPipeline', 'mounted', 'sensor_mount', 'warm_up']
@@ -55,6 +59,22 @@ class MappingPipeline:
         self.changed = self.changed.union(changed)
         self.scans_used += 1
         return changed
+
+    @property
+    def live_settings(self) -> frozenset[str]:
+        """The settings that may change while the map grows."""
+        method = self.method
+        return method.live_settings if isinstance(method, Reconfigurable) else frozenset()
+
+    def configure(self, config: MapperConfig) -> None:
+        """Take over settings; raises ConfigError for a change of one not in `live_settings`."""
+        before, after = flatten(self.config), flatten(config)
+        changed = {name for name in after if after[name] != before[name]}
+        for name in sorted(changed - self.live_settings):
+            require(False, name, after[name], f'method {self.config.method} has it fixed at start')
+        if changed and isinstance(self.method, Reconfigurable):
+            self.method.configure(config)
+            self.config = config
 
     def reset(self) -> None:
         """Forget the map."""
@@ -144,9 +164,17 @@ def mounted(scan: Scan, robot: PoseBelief, mount: SensorMount) -> Placement:
     return Placement(scan.flipped() if mount.upside_down else scan, robot.moved(mount.pose))
 
 
-def sensor_mount(config: MountConfig) -> SensorMount:
-    """Return the mount that parameters describe."""
+def sensor_mount(config: MountConfig, frame_id: str = '') -> SensorMount:
+    """Return the mount that parameters describe, for the sensor of a frame."""
+    named = _named_mounts(config)
+    if frame_id in named:
+        return SensorMount(Pose2D(*named[frame_id]))
     return SensorMount(Pose2D(config.x, config.y, config.yaw), config.upside_down)
+
+
+@lru_cache(maxsize=8)
+def _named_mounts(config: MountConfig) -> dict[str, tuple[float, float, float]]:
+    return config.named()
 
 
 def warm_up(config: MapperConfig) -> int:
@@ -154,7 +182,9 @@ def warm_up(config: MapperConfig) -> int:
 
     Returns the number of cells that a first scan on a map of its own has measured.
     """
-    pipeline = MappingPipeline(config)
+    # A few cells, whatever the configuration.
+    sonar = replace(config.sonar, thickness=config.resolution)
+    pipeline = MappingPipeline(replace(config, sonar=sonar))
     scan = Scan.checked(
         np.array([1.5, np.inf], np.float32) * config.resolution,
         angle_min_rad=0.1,
@@ -162,5 +192,10 @@ def warm_up(config: MapperConfig) -> int:
         range_min_m=0.0,
         range_max_m=2.0 * config.resolution,
     )
-    pipeline.update(scan, PoseBelief(Pose2D()))
+    pose = Pose2D(3.5 * config.resolution, 3.5 * config.resolution)
+    if config.method != 'two_assumption':
+        # An uncertain pose may take other kernels than a known one.
+        doubt = 1e-4 * config.resolution**2 * np.eye(3)
+        MappingPipeline(pipeline.config).update(scan, PoseBelief(pose, doubt))
+    pipeline.update(scan, PoseBelief(pose))
     return int(np.isfinite(pipeline.map().probability).sum())

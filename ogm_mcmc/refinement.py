@@ -9,8 +9,9 @@ GridMap <--- posterior mean <--- PosteriorSampler.advance(sweeps) ... until a li
 
 from __future__ import annotations
 
+import hashlib
+import operator
 import time
-import zlib
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
@@ -30,21 +31,26 @@ from ogm_mcmc.config import (
 )
 from ogm_mcmc.errors import ConfigError, GridError, WindowError
 from ogm_mcmc.geometry import GridMap, GridSpec, Pose2D, PoseBelief, Scan
+from ogm_mcmc.io.map_files import replacing
+from ogm_mcmc.io.prior_files import default_prior_file, load_prior
 from ogm_mcmc.mapping import make_method
 from ogm_mcmc.placement import Placement
 from ogm_mcmc.sampling import (
     CellModel,
     ChainQuality,
+    PosteriorModel,
     PosteriorSampler,
     RayWindow,
     over_dispersed_starts,
 )
+from ogm_mcmc.sampling.patch_gibbs import PatchModel
+from ogm_mcmc.sampling.patch_prior import PatchTable, make_table
 
 __all__ = [
     'Progress',
     'Recording',
     'Refinement',
-    'cells_on',
+    'fingerprint',
     'hide_uncertain',
     'live_map',
     'warm_up',
@@ -128,7 +134,8 @@ class Refinement:
     def __init__(self, config: SamplerConfig) -> None:
         self.config = config
         self._taken: list[Placement] = []
-        self.window = RayWindow(config.window, config.model)
+        self.window = self._empty_window()
+        self._table = _patch_table(config)
         self.sampler: PosteriorSampler | None = None
         self.quality: ChainQuality | None = None
         self._summary: dict[str, float] | None = None
@@ -150,7 +157,7 @@ class Refinement:
             old is new for old, new in zip(self._taken, scans[:known], strict=True)
         )
         warm = self._present_maps()
-        window = self.window if extends else RayWindow(self.config.window, self.config.model)
+        window = self.window if extends else self._empty_window()
         fresh = scans[known:] if extends else scans
         window.add((scan, belief.mean) for scan, belief in fresh)
         if window.index.n_rays == 0:
@@ -159,22 +166,41 @@ class Refinement:
         self._begin(start, warm)
         return window.index.n_rays
 
+    def _empty_window(self) -> RayWindow:
+        patch = self.config.patch
+        margin = 0 if patch.single_cells else patch.margin
+        return RayWindow(self.config.window, self.config.model, margin=margin)
+
+    def _model(self) -> PosteriorModel:
+        chain, patch, width = self.config.chain, self.config.patch, self.window.spec.width
+        if self._table is None:
+            return CellModel(self.window.index, chain.prior_log_odds, width, chain.order)
+        return PatchModel(
+            self.window.index,
+            width,
+            self._table,
+            order=patch.order,
+            escape=patch.escape,
+            random_share=patch.random_share,
+        )
+
     def _begin(self, start: GridMap | None, warm: list[GridMap]) -> None:
         chain, spec = self.config.chain, self.window.spec
-        model = CellModel(self.window.index, chain.prior_log_odds, spec.width, chain.order)
+        model = self._model()
+        threshold = chain.start_threshold
         if warm:
-            starts = [cells_on(spec, grid, 0.5) for grid in warm]
+            starts = [_cells_on(spec, grid, 0.5, chain.prior) for grid in warm]
         elif start is not None:
-            starts = [cells_on(spec, start, chain.start_threshold)] * chain.chains
+            starts = [_cells_on(spec, start, threshold, chain.prior)] * chain.chains
         else:
             live = live_map(self._taken, self.config.window)
             starts = over_dispersed_starts(
                 chain.start,
                 chain.chains,
-                model.n_cells,
-                cells_on(spec, live, chain.start_threshold),
+                _cells_on(spec, live, threshold, chain.prior),
                 chain.prior,
                 chain.seed,
+                _cells_on(spec, live, 0.5, 1.0) == 0,
             )
         # After a warm start another stream of random numbers, or the chains would repeat it.
         seed = chain.seed + len(self._taken) if warm else chain.seed
@@ -202,7 +228,7 @@ class Refinement:
         """
         if self.sampler is None:
             raise WindowError('no scan was taken: nothing to sample')
-        # A sampler that was loaded has sweeps already.
+        # Chains that go on may have their burn-in behind them.
         if self.sampler.burn_in >= self.sampler.sweeps + stop.max_sweeps:
             raise ConfigError(
                 f'max_sweeps is {stop.max_sweeps}: expected more than burn_in '
@@ -264,6 +290,40 @@ class Refinement:
             **figures,
         )
 
+    # -- to disk and back -------------------------------------------------------------------
+
+    def holds(self, scans: Sequence[Placement]) -> bool:
+        """Whether exactly these scans are being sampled: `run` then simply goes on."""
+        return len(scans) == len(self._taken) > 0 and all(map(operator.is_, scans, self._taken))
+
+    def save(self, path: Path) -> None:
+        """Write the chains, so that `resume` goes on as if nothing had happened.
+
+        Stored are every chain's map, counts and generator, the number of sweeps, the settings
+        and a fingerprint of the scans; not the scans themselves. Raises OutputError.
+        """
+        if self.sampler is None:
+            raise WindowError('nothing was sampled yet: no state to save')
+        with replacing(path) as temporary:
+            self.sampler.save(temporary, self._identity())
+
+    def resume(self, path: Path) -> None:
+        """Go on from a saved state instead of the start that `take` made.
+
+        Raises WindowError, with nothing changed, when the file is no such file, or was written
+        for other scans or settings.
+        """
+        if self.sampler is None:
+            raise WindowError('no scan was taken: take those of the saved state first')
+        sampler, saved = PosteriorSampler.load(path, self.sampler.model)
+        different = [key for key, value in self._identity().items() if saved.get(key) != value]
+        if different:
+            raise WindowError(f'{path}: expected a state of these scans; other {different[0]}')
+        self.sampler, self.quality, self._summary = sampler, None, None
+
+    def _identity(self) -> dict[str, Any]:
+        return {**self.settings(), 'fingerprint': fingerprint(self._taken)}
+
     # -- maps out ---------------------------------------------------------------------------
 
     def map(self) -> GridMap:
@@ -284,37 +344,46 @@ class Refinement:
         """Return what decided the samples: results carry it."""
         return {**flatten(self.config), 'scans': len(self._taken)}
 
-    # -- the state on disk ------------------------------------------------------------------
 
-    def save(self, path: Path) -> None:
-        """Write the state of the chains; `resume` goes on as if nothing had happened."""
-        if self.sampler is None:
-            raise WindowError('nothing was sampled yet: no state to save')
-        self.sampler.save(path, self._identity())
+def fingerprint(scans: Sequence[Placement]) -> str:
+    """Return a digest of everything in the scans and poses that decides the posterior."""
+    digest = hashlib.sha256()
+    for scan, belief in scans:
+        pose = belief.mean
+        numbers = (
+            scan.angle_min_rad,
+            scan.angle_increment_rad,
+            scan.range_min_m,
+            scan.range_max_m,
+            pose.x_m,
+            pose.y_m,
+            pose.yaw_rad,
+        )
+        digest.update(np.array(numbers, np.float64).tobytes())
+        digest.update(scan.ranges_m.tobytes())
+    return digest.hexdigest()
 
-    def resume(self, path: Path) -> int:
-        """Let the chains go on from a saved state of the same scans; return their sweeps.
 
-        Raises WindowError, with nothing changed, when the state is of other scans or settings.
-        """
-        if self.sampler is None:
-            raise WindowError('no scan was taken: nothing to resume')
-        sampler, saved = PosteriorSampler.load(path, self.sampler.model)
-        for name, here in self._identity().items():
-            if saved.get(name) != here:
-                raise WindowError(
-                    f'{path}: sampled with {name} {saved.get(name)!r}: expected {here!r}'
-                )
-        self.sampler, self.quality, self._summary = sampler, None, None
-        return sampler.sweeps
+def warm_up(config: SamplerConfig) -> int:
+    """Compile, or load from the cache, every kernel the configuration needs.
 
-    def _identity(self) -> dict[str, Any]:
-        """Return what a saved state must have in common with this one."""
-        settings = self.settings()
-        del settings['window.max_memory_mb']  # decides nothing that is drawn
-        index = self.window.index
-        check = zlib.crc32(index.first_cell.data)
-        return {**settings, 'rays_crc32': zlib.crc32(index.ray_likelihood.data, check)}
+    Returns the sweeps done on a window of one scan.
+    """
+    reach = 4.0 * config.window.resolution
+    scan = Scan.checked(
+        np.array([0.5, np.inf], np.float32) * np.float32(reach),
+        angle_min_rad=0.1,
+        angle_increment_rad=1.0,
+        range_min_m=0.0,
+        range_max_m=reach,
+    )
+    first, second = (Placement(scan, PoseBelief(Pose2D(x, 0.0))) for x in (0.0, reach))
+    refinement = Refinement(replace(config, window=replace(config.window, beam_stride=1)))
+    # The second time extends the index, which takes one kernel more.
+    for scans in ([first], [first, second]):
+        refinement.take(scans)
+        done = list(refinement.run(StopConfig(max_sweeps=config.chain.burn_in + 1)))
+    return done[-1].sweeps
 
 
 def live_map(scans: Sequence[Placement], window: WindowConfig) -> GridMap:
@@ -329,8 +398,23 @@ def live_map(scans: Sequence[Placement], window: WindowConfig) -> GridMap:
     return GridMap(mapper.spec, mapper.probabilities(mapper.spec.box))
 
 
-def cells_on(spec: GridSpec, grid: GridMap, threshold: float) -> UInt8Array:
-    """Return a map (K,) of a window: 1 where `grid` is at least at a threshold, 0 elsewhere."""
+def _patch_table(config: SamplerConfig) -> PatchTable | None:
+    """Return the table of the prior, None for independent cells drawn one by one."""
+    patch = config.patch
+    if patch.single_cells:
+        return None
+    if patch.prior == 'uniform':
+        return make_table('uniform', patch.size, p_occupied=config.chain.prior)
+    path = Path(patch.file).expanduser() if patch.file else default_prior_file()
+    counts = load_prior(path, config.window.resolution).counts
+    return make_table(patch.prior, patch.size, counts)
+
+
+def _cells_on(spec: GridSpec, grid: GridMap, threshold: float, elsewhere: float) -> UInt8Array:
+    """Return a map (K,) of a window: 1 where `grid` is at least at a threshold.
+
+    Cells that `grid` does not know have the probability `elsewhere`.
+    """
     same = (
         grid.spec.resolution_m == spec.resolution_m
         and grid.spec.anchor_x_m == spec.anchor_x_m
@@ -342,33 +426,12 @@ def cells_on(spec: GridSpec, grid: GridMap, threshold: float) -> UInt8Array:
             f'({grid.spec.anchor_x_m:g}, {grid.spec.anchor_y_m:g}): expected '
             f'{spec.resolution_m:g} m at ({spec.anchor_x_m:g}, {spec.anchor_y_m:g})'
         )
-    cells = np.zeros((spec.height, spec.width), np.uint8)
-    rows, columns = np.nonzero(grid.probability >= threshold)
-    rows, columns = rows + grid.spec.row0 - spec.row0, columns + grid.spec.column0 - spec.column0
-    inside = (rows >= 0) & (rows < spec.height) & (columns >= 0) & (columns < spec.width)
-    cells[rows[inside], columns[inside]] = 1
+    cells = np.full((spec.height, spec.width), elsewhere >= threshold, np.uint8)
+    common = spec.box.intersection(grid.spec.box)
+    if not common.empty:
+        known = np.nan_to_num(grid.probability[grid.spec.slices(common)], nan=elsewhere)
+        cells[spec.slices(common)] = known >= threshold
     return cells.reshape(-1)
-
-
-def warm_up(config: SamplerConfig) -> int:
-    """Compile, or load from the cache, every kernel sampling needs; return the cells sampled.
-
-    Otherwise the first sweep of a process would take the time that is for sampling.
-    """
-    resolution = config.window.resolution
-    scan = Scan.checked(
-        np.array([1.5, 1.2]) * resolution,
-        angle_min_rad=0.1,
-        angle_increment_rad=1.0,
-        range_min_m=0.0,
-        range_max_m=2.0 * resolution,
-    )
-    window = replace(config.window, beam_stride=1, max_range=0.0)
-    refinement = Refinement(replace(config, window=window))
-    refinement.take([Placement(scan, PoseBelief(Pose2D()))])
-    assert refinement.sampler is not None
-    refinement.sampler.advance(1)
-    return int(refinement.sampler.model.touched.size)
 
 
 def hide_uncertain(grid_map: GridMap, prior: float, margin: float | Float32Array) -> GridMap:

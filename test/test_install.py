@@ -73,6 +73,9 @@ def test_pip_installs_every_module_and_the_scripts(clean_copy, tmp_path, office_
     where = 'import ogm_mcmc; print(ogm_mcmc.__file__)'
     shown = run(sys.executable, '-S', '-c', where, cwd=tmp_path, PYTHONPATH=path)
     assert Path(shown.strip()).is_relative_to(folder)
+    prior = 'from ogm_mcmc.io.prior_files import *; print(default_prior_file())'
+    found = Path(run(sys.executable, '-S', '-c', prior, cwd=tmp_path, PYTHONPATH=path).strip())
+    assert found == tmp_path / 'venv' / 'share' / 'ogm_mcmc' / 'priors' / 'buildings.npz'
     scripts = tmp_path / 'venv' / 'bin'
     assert {'ogm_mcmc', 'online_mapper', 'replay'} <= {item.name for item in scripts.iterdir()}
     command = ('map', office_bag, '-o', tmp_path / 'map')
@@ -98,6 +101,7 @@ def test_colcon_builds_and_the_executables_run(clean_copy, tmp_path, office_bag)
     assert (share / 'package.xml').is_file()
     assert (share / 'config' / 'online_mapper.yaml').is_file()
     assert (share / 'launch' / 'online_mapper.launch.py').is_file()
+    assert (share / 'priors' / 'buildings.npz').is_file()
     assert (install / 'share/ament_index/resource_index/packages/ogm_mcmc').is_file()
 
     from std_srvs.srv import Trigger

@@ -4,9 +4,13 @@ import math
 import numpy as np
 import pytest
 
-from ogm_mcmc.config import MapperConfig, OutputConfig
-from ogm_mcmc.errors import GridError
+from ogm_mcmc.config import MapperConfig, OutputConfig, StepModelConfig, settings_of
+from ogm_mcmc.errors import ConfigError, GridError
 from ogm_mcmc.geometry import CellBox, GridMap, GridSpec, Pose2D, PoseBelief, Scan, SensorMount
+from ogm_mcmc.mapping import METHODS
+from ogm_mcmc.mapping.beam_evidence_kernels import sum_steps_per_beam
+from ogm_mcmc.mapping.evidence_kernels import sum_per_scan
+from ogm_mcmc.mapping.sonar_kernels import add_cone
 from ogm_mcmc.mapping.two_assumption_kernels import fuse_per_beam, fuse_per_scan
 from ogm_mcmc.pipeline import MAX_STALE_BOXES, MappingPipeline, MapView, warm_up
 from ogm_mcmc.testing import pictures
@@ -265,26 +269,79 @@ def test_a_refused_scan_is_not_counted():
 # -- warm_up ------------------------------------------------------------------------------------
 
 CONFIGS = [
-    MapperConfig(fusion=fusion, resolution=resolution, no_return=no_return, max_range=max_range)
-    for fusion, resolution, no_return, max_range in itertools.product(
-        ('per_scan', 'per_beam'), (0.001, 0.05, 10.0), ('clear', 'ignore'), (0.0, 1e-3, 100.0)
+    MapperConfig(
+        method=method,
+        inverse_model=model,
+        fusion=fusion,
+        resolution=resolution,
+        no_return=no_return,
+        max_range=max_range,
+    )
+    for method, model, fusion, resolution, no_return, max_range in itertools.product(
+        sorted(METHODS),
+        ('step', 'gaussian'),
+        ('per_scan', 'per_beam'),
+        (0.001, 0.05, 10.0),
+        ('clear', 'ignore'),
+        (0.0, 1e-3, 100.0),
     )
 ]
 
 
 def test_warm_up_runs_for_every_configuration():
     assert min(warm_up(config) for config in CONFIGS) >= 1
-    assert warm_up(MapperConfig(max_cells=4096)) > 1
+    for method in METHODS:
+        assert warm_up(MapperConfig(method=method, max_cells=4096)) > 1
 
 
 @pytest.mark.jit
 @pytest.mark.parametrize(
-    ('fusion', 'kernel'), [('per_scan', fuse_per_scan), ('per_beam', fuse_per_beam)]
+    ('method', 'fusion', 'kernel'),
+    [
+        ('two_assumption', 'per_scan', fuse_per_scan),
+        ('two_assumption', 'per_beam', fuse_per_beam),
+        ('pose_uncertain', 'per_scan', sum_per_scan),
+        ('pose_uncertain', 'per_beam', sum_steps_per_beam),
+        ('sonar', 'per_scan', add_cone),
+    ],
 )
-def test_nothing_is_compiled_after_warm_up(fusion, kernel):
-    config = MapperConfig(fusion=fusion)
+def test_nothing_is_compiled_after_warm_up(method, fusion, kernel):
+    config = MapperConfig(method=method, fusion=fusion)
     warm_up(config)
     compiled = kernel.signatures
     assert len(compiled) == 1
-    MappingPipeline(config).update(sweep(1), at(1.013, 2.017), SensorMount(Pose2D(0.1, 0.2, 0.3)))
+    belief = PoseBelief(Pose2D(1.013, 2.017), np.diag([0.01, 0.0, 0.001]))
+    MappingPipeline(config).update(sweep(1), belief, SensorMount(Pose2D(0.1, 0.2, 0.3)))
     assert kernel.signatures == compiled
+
+
+# -- settings that change while the map grows ---------------------------------------------------
+
+
+def test_a_safe_change_counts_from_then_on():
+    source = pipeline()
+    source.update(fan(1.0), at(0.05, 0.05))
+    changed = MapperConfig(resolution=0.1, step=StepModelConfig(l_occ=3.0), max_range=2.0)
+    source.configure(changed)
+    source.update(fan(1.0), at(0.05, 0.05))
+    assert source.config == changed
+    cell = CellBox(10, 0, 11, 1)
+    assert source.method.log_odds(cell)[0, 0] == pytest.approx(1.3863 + 3.0)
+
+
+@pytest.mark.parametrize(
+    'change', [{'resolution': 0.2}, {'prior': 0.3}, {'method': 'sonar'}, {'max_cells': 10_000}]
+)
+def test_an_unsafe_change_is_refused_and_changes_nothing(change):
+    source = pipeline()
+    before = source.config
+    with pytest.raises(ConfigError, match=f'^{next(iter(change))} is .* fixed at start'):
+        source.configure(MapperConfig(**{'resolution': 0.1, **change}))
+    assert source.config == before
+
+
+@pytest.mark.parametrize('method', sorted(METHODS))
+def test_only_settings_that_exist_are_live(method):
+    live = MappingPipeline(MapperConfig(method=method)).live_settings
+    assert live <= {leaf.name for leaf in settings_of(MapperConfig)}
+    assert not live & {'method', 'resolution', 'prior', 'max_cells'}

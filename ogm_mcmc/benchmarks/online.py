@@ -12,7 +12,7 @@ import numpy as np
 from ogm_mcmc.config import MapperConfig
 from ogm_mcmc.geometry import GridSpec, cast_rays
 from ogm_mcmc.geometry.traversal_kernels import trace_ray
-from ogm_mcmc.mapping import make_method
+from ogm_mcmc.mapping import MappingMethod, PoseUncertainMapper, make_method
 from ogm_mcmc.placement import Placement
 
 __all__ = ['count_ray_cells', 'time_online']
@@ -24,7 +24,8 @@ def time_online(
     """Map all scans `repeats` times on an emptied map; return best and median, ms, and rates.
 
     As in a running node the map's memory is there: a first, untimed pass lets it grow. `cells`
-    counts every cell every beam crosses, which is what `ns_per_cell` refers to.
+    counts every cell every beam crosses, once for each pose sample, which is what `ns_per_cell`
+    refers to.
     """
     method = make_method(config)
     times_ms = []
@@ -36,8 +37,12 @@ def time_online(
             times_ms.append(1e3 * (time.perf_counter() - started))
         method.forget_cells()
     best = min(times_ms)
-    cells = count_ray_cells(placements, config)
+    samples = _mean_samples(placements, method)
+    cells = round(samples * count_ray_cells(placements, config))
     return {
+        'method': config.method,
+        'inverse_model': config.inverse_model,
+        'samples': round(samples, 2),
         'ms': round(best, 4),
         'median_ms': round(statistics.median(times_ms), 4),
         'scans': len(placements),
@@ -49,6 +54,13 @@ def time_online(
         'no_return': config.no_return,
         'repeats': repeats,
     }
+
+
+def _mean_samples(placements: Sequence[Placement], method: MappingMethod) -> float:
+    """Return the mean number of poses that one scan is mapped at."""
+    if not isinstance(method, PoseUncertainMapper):
+        return 1.0
+    return statistics.mean(method.samples_of(*placed).weights.size for placed in placements)
 
 
 def count_ray_cells(placements: Sequence[Placement], config: MapperConfig) -> int:

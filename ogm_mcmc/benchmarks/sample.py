@@ -19,7 +19,7 @@ from ogm_mcmc.arrays import UInt8Array
 from ogm_mcmc.benchmarks.pair_count_kernels import count_looked_at
 from ogm_mcmc.config import ChainConfig, ForwardModelConfig, SamplerConfig, WindowConfig, flatten
 from ogm_mcmc.placement import Placement
-from ogm_mcmc.refinement import cells_on, live_map
+from ogm_mcmc.refinement import Refinement
 from ogm_mcmc.sampling import CellModel, PosteriorSampler, RayWindow
 
 __all__ = ['Effort', 'bag_config', 'scene_config', 'time_sampling']
@@ -56,12 +56,13 @@ def time_sampling(
     placements: Sequence[Placement], config: SamplerConfig, effort: Effort
 ) -> dict[str, Any]:
     """Measure one input; chains start from the thresholded live map and warm up untimed."""
-    index_ms, peak_bytes, window = _time_index(placements, config)
-    index, chain = window.index, config.chain
-    start = cells_on(
-        window.spec, live_map(placements, config.window), config.chain.start_threshold
-    )
-    model = CellModel(index, chain.prior_log_odds, window.spec.width, chain.order)
+    index_ms, peak_bytes = _time_index(placements, config)
+    refinement = Refinement(config)
+    refinement.take(placements)
+    assert refinement.sampler is not None
+    chain, index, model = config.chain, refinement.window.index, refinement.sampler.model
+    assert isinstance(model, CellModel)
+    start = refinement.sampler.states[0].cells
     sampler = PosteriorSampler(model, [start], seed=chain.seed, burn_in=0)
     sampler.advance(effort.warm_up)
     times_ms = []
@@ -101,10 +102,8 @@ def time_sampling(
     }
 
 
-def _time_index(
-    placements: Sequence[Placement], config: SamplerConfig
-) -> tuple[float, int, RayWindow]:
-    """Build the index several times; return the best ms, the most memory in bytes, the window."""
+def _time_index(placements: Sequence[Placement], config: SamplerConfig) -> tuple[float, int]:
+    """Build the index several times; return the best ms and the most memory in bytes."""
 
     def build() -> RayWindow:
         window = RayWindow(config.window, config.model)
@@ -119,10 +118,10 @@ def _time_index(
         times_ms.append(1e3 * (time.perf_counter() - started))
         del window
     tracemalloc.start()
-    window = build()
+    build()
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
-    return min(times_ms), peak, window
+    return min(times_ms), peak
 
 
 def _time_threads(model: CellModel, start: UInt8Array, effort: Effort) -> dict[str, float]:

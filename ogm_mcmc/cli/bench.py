@@ -12,6 +12,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ogm_mcmc.benchmarks.online import time_online
 from ogm_mcmc.benchmarks.sample import Effort, bag_config, scene_config, time_sampling
 from ogm_mcmc.benchmarks.scene import generated_scene, load_scene
@@ -25,7 +27,9 @@ from ogm_mcmc.cli.options import (
 )
 from ogm_mcmc.config import MapperConfig, PlacingConfig
 from ogm_mcmc.errors import ConfigError, require
+from ogm_mcmc.geometry import PoseBelief
 from ogm_mcmc.io.world_files import load_world
+from ogm_mcmc.placement import Placement
 from ogm_mcmc.simulation import GridWorld, Lidar
 
 __all__ = ['add_to']
@@ -40,6 +44,12 @@ def add_to(subparsers: Subparsers) -> None:
     online.add_argument('--scene', type=Path, help='NPZ of the scene; default: a generated one')
     online.add_argument('--repeats', type=int, default=15, help='passes; the best one counts')
     online.add_argument('--json', action='store_true', help='always JSON; accepted for symmetry')
+    online.add_argument(
+        '--pose-sigma', type=float, default=0.0, help='doubt about every position, m (1 sigma)'
+    )
+    online.add_argument(
+        '--yaw-sigma', type=float, default=0.0, help='doubt about every heading, rad (1 sigma)'
+    )
     add_config_options(online, 'mapping', MapperConfig, PlacingConfig)
     add_stream_options(online)
     online.set_defaults(run=run_online)
@@ -123,21 +133,32 @@ def run_online(options: argparse.Namespace) -> int:
     """Run `bench online`."""
     require(options.repeats > 0, 'repeats', options.repeats, 'expected at least one pass')
     config = config_from(options, MapperConfig)
+    sigmas = (options.pose_sigma, options.pose_sigma, options.yaw_sigma)
+    for name, value in (('pose_sigma', sigmas[0]), ('yaw_sigma', sigmas[2])):
+        require(0.0 <= value < 1e3, name, value, 'expected 0 or more')
     scene = generated_scene() if options.scene is None else load_scene(options.scene)
     # The scene stays the same whatever the bag needs: beams that hit nothing clear.
     scene_config = replace(config, resolution=scene.resolution_m, no_return='clear', max_range=0.0)
     result: dict[str, Any] = {
         'scene': {
-            **time_online(scene.placements, scene_config, options.repeats),
+            **time_online(doubted(scene.placements, sigmas), scene_config, options.repeats),
             'source': scene.source,
         }
     }
     if options.bag is not None:
         placing = config_from(options, PlacingConfig)
-        placements = read_bag(options, placing).placements
+        placements = read_bag(options, placing, config).placements
         result['bag'] = {
-            **time_online(placements, config, options.repeats),
+            **time_online(doubted(placements, sigmas), config, options.repeats),
             'source': options.bag.name,
         }
     print(json.dumps(result))
     return 0
+
+
+def doubted(placements: list[Placement], sigmas: tuple[float, float, float]) -> list[Placement]:
+    """Give each pose a Gaussian belief around it; without sigmas nothing changes."""
+    if not any(sigmas):
+        return placements
+    covariance = np.diag(np.square(sigmas))
+    return [Placement(scan, PoseBelief(belief.mean, covariance)) for scan, belief in placements]

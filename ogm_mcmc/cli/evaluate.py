@@ -65,7 +65,7 @@ def run(options: argparse.Namespace) -> int:
         **_finite(comparison.figures),
         'files': {kind: str(path) for kind, path in paths.items()},
     }
-    page = make_page(grid_map, truth, comparison, result)
+    page = make_page(truth, comparison, result)
     with replacing(paths['json']) as json_file, replacing(paths['html']) as html_file:
         json_file.write_text(json.dumps(result, indent=2) + '\n', encoding='utf-8')
         html_file.write_text(page.html(), encoding='utf-8')
@@ -114,9 +114,7 @@ def _finite(value: Any) -> Any:
     return value
 
 
-def make_page(
-    grid_map: GridMap, truth: GridMap, comparison: Comparison, result: dict[str, Any]
-) -> Page:
+def make_page(truth: GridMap, comparison: Comparison, result: dict[str, Any]) -> Page:
     """Return the page with all figures and pictures."""
     settings = result['settings']
     threshold, counted = settings['threshold'], comparison.counted
@@ -126,7 +124,11 @@ def make_page(
     called = comparison.probability >= threshold
     page.pictures(
         [
-            Picture(probability_png(grid_map.probability), 'The map', cells=True),
+            Picture(
+                probability_png(comparison.measured),
+                'The map, on the cells of the truth',
+                cells=True,
+            ),
             Picture(probability_png(truth.probability), 'The truth', cells=True),
             Picture(
                 agreement_png(called, comparison.occupied, counted),

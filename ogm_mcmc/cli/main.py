@@ -17,6 +17,7 @@ from ogm_mcmc.cli import (
     import_carmen,
     import_stata,
     info,
+    learn_prior,
     map_bag,
     replay,
     sample,
@@ -29,6 +30,7 @@ __all__ = ['run']
 COMMANDS = (
     map_bag,
     sample,
+    learn_prior,
     import_carmen,
     import_stata,
     simulate,

@@ -51,23 +51,23 @@ def run(options: argparse.Namespace) -> int:
     """Run the command."""
     config, output = config_from(options, MapperConfig), config_from(options, OutputConfig)
     placing = config_from(options, PlacingConfig)
-    mount = sensor_mount(placing.mount)
     pipeline = MappingPipeline(config)
     # What cannot be saved is better said before the work than after it.
     checked_name(options.name)
     writable_folder(options.folder)
     started = time.perf_counter()
     with BagReader(options.bag) as bag:
-        choice = stream_choice(options, placing)
+        choice = stream_choice(options, placing, config)
         topics = choose_topics(bag, choice)
-        with tqdm(total=topics.scan.n_messages, unit=' scans', desc='map', disable=None) as bar:
+        n_scans = sum(topic.n_messages for topic in topics.scans)
+        with tqdm(total=n_scans, unit=' scans', desc='map', disable=None) as bar:
             placed = PlacedScans(bag, topics, choice, on_scan=bar.update)
             for scan, belief in placed:
-                pipeline.update(scan, belief, mount)
+                pipeline.update(scan, belief, sensor_mount(placing.mount, scan.frame_id))
     dropped = dict(placed.placer.dropped)
     if pipeline.scans_used == 0:
         raise BagError(
-            f'{options.bag}: none of {topics.scan.n_messages} scans could be placed ({dropped}): '
+            f'{options.bag}: none of {n_scans} scans could be placed ({dropped}): '
             f'expected poses on {topics.pose.name} around the stamps of {topics.scan.name}'
         )
     settings = {**flatten(config), **flatten(output), **flatten(placing)}
@@ -76,9 +76,9 @@ def run(options: argparse.Namespace) -> int:
     paths = {kind: options.folder / f'{options.name}.{kind}' for kind in kinds}
     result: dict[str, Any] = {
         'bag': str(options.bag),
-        'scan_topic': topics.scan.name,
+        'scan_topic': ','.join(topic.name for topic in topics.scans),
         'pose_topic': topics.pose.name,
-        'scans': topics.scan.n_messages,
+        'scans': n_scans,
         'scans_used': pipeline.scans_used,
         'dropped': dropped,
         'width': grid_map.spec.width,

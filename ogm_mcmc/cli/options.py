@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from ogm_mcmc.config import (
+    MapperConfig,
     PlacingConfig,
     add_arguments,
     build,
@@ -90,13 +91,24 @@ def _refuse_unknown(path: Path, held: dict[str, Any], configs: tuple[type, ...])
 def add_stream_options(parser: argparse.ArgumentParser) -> None:
     """Declare the options that choose scans and poses of a bag."""
     group = parser.add_argument_group('what to read')
-    group.add_argument('--scan-topic', default='', help='default: the first LaserScan')
+    group.add_argument(
+        '--scan-topic',
+        default='',
+        help='default: the first LaserScan; with --method sonar every Range, or several named '
+        'with commas',
+    )
     group.add_argument('--pose-topic', default='', help='default: the first topic that fits')
     group.add_argument('--pose-source', choices=('pose', 'particles'), default='pose')
 
 
-def stream_choice(options: argparse.Namespace, placing: PlacingConfig) -> StreamChoice:
+def stream_choice(
+    options: argparse.Namespace, placing: PlacingConfig, config: MapperConfig
+) -> StreamChoice:
     """Build the StreamChoice of a command."""
     return StreamChoice(
-        options.scan_topic, options.pose_topic, options.pose_source, placing.max_pose_gap
+        options.scan_topic,
+        options.pose_topic,
+        options.pose_source,
+        placing.max_pose_gap,
+        'range' if config.method == 'sonar' else 'scan',
     )

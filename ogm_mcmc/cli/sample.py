@@ -34,7 +34,7 @@ from ogm_mcmc.config import (
 )
 from ogm_mcmc.errors import OutputError, require
 from ogm_mcmc.geometry import GridMap, GridSpec
-from ogm_mcmc.io.map_files import checked_name, load_grid, replacing, writable_folder
+from ogm_mcmc.io.map_files import checked_name, load_grid, writable_folder
 from ogm_mcmc.refinement import Progress, Recording, Refinement, warm_up
 from ogm_mcmc.ros.settings import OnlineMapperConfig
 
@@ -42,11 +42,18 @@ __all__ = ['add_to']
 
 CONFIGS = (SamplerConfig, StopConfig, RecordingConfig, OutputConfig, PlacingConfig)
 
-# A dotted name goes by its last part too, but for two: `--prior` is another question.
+# A dotted name goes by its last part too, but where that says too little or something else.
 SHORT = {
     leaf.name: f'--{leaf.name.rpartition(".")[2].replace("_", "-")}'
     for leaf in settings_of(SamplerConfig)
-} | {'model.kind': '--model', 'chain.prior': '--cell-prior'}
+    if not leaf.name.startswith('patch.')
+} | {
+    'model.kind': '--model',
+    'chain.prior': '--cell-prior',
+    'patch.prior': '--prior',
+    'patch.size': '--patch-size',
+    'patch.file': '--prior-file',
+}
 
 
 def add_to(subparsers: Subparsers) -> None:
@@ -107,7 +114,9 @@ def run(options: argparse.Namespace) -> int:
     refinement.take(recording.snapshot(), start)
     resumed = 0
     if options.state is not None and options.state.exists():
-        resumed = refinement.resume(options.state)
+        refinement.resume(options.state)
+        assert refinement.sampler is not None
+        resumed = refinement.sampler.sweeps
     with interruptible() as interrupted:
         progress = sample(refinement, chosen.stop, interrupted)
         maps = _draw(refinement, options, interrupted)
@@ -118,8 +127,7 @@ def run(options: argparse.Namespace) -> int:
         'settings': _settings(options, chosen),
     }
     if options.state is not None:
-        with replacing(options.state) as temporary:
-            refinement.save(temporary)
+        refinement.save(options.state)
         result['state'] = str(options.state)
     sampled = SampledMaps(refinement, maps, options.margin, options.thin)
     result['files'] = write_all(sampled, chosen.output, result, options.folder, options.name)
@@ -196,9 +204,9 @@ def _draw(
 def _read(options: argparse.Namespace, bag: BagScans) -> dict[str, Any]:
     return {
         'bag': str(options.bag),
-        'scan_topic': bag.topics.scan.name,
+        'scan_topic': ','.join(topic.name for topic in bag.topics.scans),
         'pose_topic': bag.topics.pose.name,
-        'scans': bag.topics.scan.n_messages,
+        'scans': bag.n_scans,
         'dropped': bag.dropped,
     }
 

@@ -1,16 +1,23 @@
-"""Settings: what may be set (`mapping`, `sampling`), how it is declared and read (`settings`)."""
+"""Settings: what may be set (`mapping`, `sampling`, `priors`), and how (`settings`)."""
 
 from ogm_mcmc.config.evaluation import EvaluationConfig
 from ogm_mcmc.config.mapping import (
+    LIVE_MAPPING,
+    CountingConfig,
+    GaussianModelConfig,
     MapperConfig,
     MountConfig,
     OutputConfig,
     PlacingConfig,
+    PoseUncertainConfig,
+    SonarModelConfig,
     StepModelConfig,
 )
+from ogm_mcmc.config.priors import LearningConfig, PatchTableConfig
 from ogm_mcmc.config.sampling import (
     ChainConfig,
     ForwardModelConfig,
+    PatchConfig,
     RecordingConfig,
     SamplerConfig,
     StopConfig,
@@ -30,15 +37,23 @@ from ogm_mcmc.config.settings import (
 
 __all__ = [
     'ChainConfig',
-    'EvaluationConfig',
     'ForwardModelConfig',
+    'LearningConfig',
+    'LIVE_MAPPING',
+    'CountingConfig',
+    'EvaluationConfig',
+    'GaussianModelConfig',
     'MapperConfig',
     'MountConfig',
     'OutputConfig',
+    'PatchConfig',
+    'PatchTableConfig',
     'PlacingConfig',
     'RecordingConfig',
     'SamplerConfig',
+    'PoseUncertainConfig',
     'Setting',
+    'SonarModelConfig',
     'StepModelConfig',
     'StopConfig',
     'WindowConfig',

@@ -9,10 +9,15 @@ from ogm_mcmc.config.settings import check_bounds, setting
 from ogm_mcmc.errors import require
 
 __all__ = [
+    'LIVE_MAPPING',
+    'CountingConfig',
+    'GaussianModelConfig',
     'MapperConfig',
     'MountConfig',
     'OutputConfig',
     'PlacingConfig',
+    'PoseUncertainConfig',
+    'SonarModelConfig',
     'StepModelConfig',
 ]
 
@@ -30,10 +35,107 @@ class StepModelConfig:
 
 
 @dataclass(frozen=True)
+class GaussianModelConfig:
+    """The Gaussian inverse sensor model ([pose] Eq. 4, corrected)."""
+
+    sigma: float = setting(0.03, 'standard deviation of a range, m', low=1e-4, high=10.0)
+    sigma_growth: float = setting(
+        0.0,
+        'sigma grows by this times the square of the range, 1/m; stereo: 1 / (baseline * focal '
+        'length in pixels)',
+        low=0.0,
+        high=10.0,
+    )
+    width: float = setting(
+        0.0,
+        'depth that a reading declares occupied, m; 0: the diagonal of a cell',
+        low=0.0,
+        high=100.0,
+    )
+    l_min: float = setting(
+        -1.3863, 'the lowest log-odds one scan gives a cell', low=-20.0, high=-0.01
+    )
+    l_max: float = setting(
+        1.3863, 'the highest log-odds one scan gives a cell', low=0.01, high=20.0
+    )
+
+
+@dataclass(frozen=True)
+class SonarModelConfig:
+    """The cone of a sonar ([slides]): linear in the range, Gaussian across the angle."""
+
+    opening_angle: float = setting(
+        0.5, 'full angle of the cone where a reading does not name it, rad', low=0.001, high=3.1
+    )
+    sigma_share: float = setting(
+        0.5, 'standard deviation across the angle over half of the cone', low=0.01, high=100.0
+    )
+    strength: float = setting(
+        0.3, 'most a reading of range 0 moves a probability away from 0.5', low=0.0, high=0.49
+    )
+    strength_far: float = setting(
+        0.1, 'the same for a reading of the greatest range; linear between', low=0.0, high=0.49
+    )
+    thickness: float = setting(
+        0.1,
+        'an echo says something up to this far behind (and before) it, m',
+        low=0.001,
+        high=10.0,
+    )
+
+
+@dataclass(frozen=True)
+class PoseUncertainConfig:
+    """How a belief about the pose becomes samples ([pose] section V)."""
+
+    samples: int = setting(
+        100, 'poses drawn from a Gaussian belief; particles are all used', low=1, high=10_000
+    )
+    accuracy: float = setting(
+        0.0,
+        'above 0: draw only so many that the mean of the beam ends is known this well, m (95 %)',
+        low=0.0,
+        high=100.0,
+    )
+    negligible: float = setting(
+        0.001,
+        'the lightest particles that together weigh at most this are left out',
+        low=0.0,
+        high=0.5,
+    )
+    draw: str = setting(
+        'quasi',
+        'quasi: evenly spread draws, of which fewer suffice; random: independent draws',
+        choices=('quasi', 'random'),
+    )
+    seed: int = setting(1, 'seed of the draws', low=0, high=2**31 - 1)
+
+
+@dataclass(frozen=True)
+class CountingConfig:
+    """What the counting model shows ([slides])."""
+
+    show: str = setting(
+        'reflection',
+        'reflection: hits / (hits + misses); ml: 1 or 0, whichever is the likelier',
+        choices=('reflection', 'ml'),
+    )
+
+
+@dataclass(frozen=True)
 class MapperConfig:
     """How scans become a grid; the same for the node, `map`, `bench` and plain Python."""
 
-    method: str = setting('two_assumption', 'mapping method', choices=('two_assumption',))
+    method: str = setting(
+        'two_assumption',
+        'mapping method, see docs/methods.md',
+        choices=('two_assumption', 'pose_uncertain', 'counting', 'sonar'),
+    )
+    inverse_model: str = setting(
+        'step',
+        'what a beam says about the cells around its end (two_assumption, pose_uncertain)',
+        choices=('step', 'gaussian'),
+    )
     fusion: str = setting(
         'per_scan',
         'per_scan: each cell once per scan, a hit beats a miss; per_beam: every beam counts',
@@ -65,6 +167,10 @@ class MapperConfig:
         100_000_000, 'the map never grows beyond this many cells', low=4096, high=4_000_000_000
     )
     step: StepModelConfig = StepModelConfig()
+    gaussian: GaussianModelConfig = GaussianModelConfig()
+    pose_uncertain: PoseUncertainConfig = PoseUncertainConfig()
+    counting: CountingConfig = CountingConfig()
+    sonar: SonarModelConfig = SonarModelConfig()
 
     def __post_init__(self) -> None:
         """Refuse what is out of bounds or contradicts itself."""
@@ -76,6 +182,35 @@ class MapperConfig:
             self.log_odds_limit,
             f'must not be below the log-odds of the prior ({abs(prior_log_odds):.3g})',
         )
+
+
+# What may change while a map grows: it only decides what later scans add, or what is shown.
+LIVE_MAPPING = frozenset(
+    {
+        'inverse_model',
+        'fusion',
+        'log_odds_limit',
+        'max_range',
+        'no_return',
+        'step.l_free',
+        'step.l_occ',
+        'gaussian.sigma',
+        'gaussian.sigma_growth',
+        'gaussian.width',
+        'gaussian.l_min',
+        'gaussian.l_max',
+        'pose_uncertain.samples',
+        'pose_uncertain.accuracy',
+        'pose_uncertain.draw',
+        'pose_uncertain.negligible',
+        'counting.show',
+        'sonar.opening_angle',
+        'sonar.sigma_share',
+        'sonar.strength',
+        'sonar.strength_far',
+        'sonar.thickness',
+    }
+)
 
 
 @dataclass(frozen=True)
@@ -113,6 +248,28 @@ class MountConfig:
     y: float = setting(0.0, 'sensor to the left of the base, m', low=-100.0, high=100.0)
     yaw: float = setting(0.0, 'heading of the sensor on the base, rad', low=-6.2832, high=6.2832)
     upside_down: bool = setting(False, 'the sensor hangs head down: bearings run clockwise')
+    frames: str = setting(
+        '',
+        'sensors mounted elsewhere, by frame_id: FRAME X Y YAW; FRAME X Y YAW; ... (m, rad)',
+    )
+
+    def __post_init__(self) -> None:
+        """Refuse frames that cannot be read."""
+        self.named()
+
+    def named(self) -> dict[str, tuple[float, float, float]]:
+        """Return x, y, yaw of the sensors that `frames` names."""
+        mounts = {}
+        for entry in filter(None, map(str.strip, self.frames.split(';'))):
+            frame, *numbers = entry.split()
+            try:
+                x, y, yaw = map(float, numbers)
+            except ValueError:
+                x = y = yaw = math.nan
+            readable = len(numbers) == 3 and all(map(math.isfinite, (x, y, yaw)))
+            require(readable, 'mount.frames', entry, 'expected FRAME X Y YAW')
+            mounts[frame] = (x, y, yaw)
+        return mounts
 
 
 @dataclass(frozen=True)

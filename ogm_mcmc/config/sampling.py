@@ -11,6 +11,7 @@ from ogm_mcmc.errors import require
 __all__ = [
     'ChainConfig',
     'ForwardModelConfig',
+    'PatchConfig',
     'RecordingConfig',
     'SamplerConfig',
     'StopConfig',
@@ -98,12 +99,15 @@ class ChainConfig:
     chains: int = setting(2, 'chains, each in a thread of its own', low=1, high=64)
     start: str = setting(
         'dispersed',
-        'live: the thresholded live map; prior: a draw from the prior; free; occupied; '
-        'dispersed: these four in turn, one per chain',
+        'live: the thresholded live map; prior: a draw from it; free; occupied; dispersed: these '
+        'in turn, one per chain, but for cells that are free in the live map: they start free',
         choices=('dispersed', 'live', 'prior', 'free', 'occupied'),
     )
     start_threshold: float = setting(
-        0.5, 'the live map is occupied from this probability on (start)', low=0.0, high=1.0
+        0.5,
+        'the live map is occupied from this probability on; unmeasured cells have the prior',
+        low=0.0,
+        high=1.0,
     )
     order: str = setting(
         'fixed',
@@ -144,12 +148,60 @@ class StopConfig:
 
 
 @dataclass(frozen=True)
+class PatchConfig:
+    """What is known of buildings before any beam ([patch])."""
+
+    prior: str = setting(
+        'uniform',
+        'uniform: independent cells, chain.prior; patch: how common a patch is in the training '
+        'maps; border: the same given the cells around it',
+        choices=('uniform', 'patch', 'border'),
+    )
+    size: int = setting(1, 'cells drawn at a time: 1, 9 or 25', low=1, high=25)
+    file: str = setting(
+        '', 'prior file of learn-prior; empty: the one that comes with the package'
+    )
+    order: str = setting(
+        'tiled',
+        'tiled: patches side by side from a random offset; random: anywhere, as published',
+        choices=('tiled', 'random'),
+    )
+    escape: float = setting(
+        0.02,
+        'share of draws that also consider a patch the table does not list',
+        low=1e-6,
+        high=1.0,
+    )
+    random_share: float = setting(
+        0.0,
+        'p_randPatch of the published algorithm, 0.001 there: patches set at random, which does '
+        'not leave the posterior as it is; 0: the exact way, `escape`',
+        low=0.0,
+        high=1.0,
+    )
+    margin: int = setting(
+        5, 'the window goes on so many cells beyond all rays', low=1, high=10_000
+    )
+
+    def __post_init__(self) -> None:
+        """Refuse what is out of bounds."""
+        check_bounds(self)
+        require(self.size in (1, 9, 25), 'size', self.size, 'one of 1, 9, 25')
+
+    @property
+    def single_cells(self) -> bool:
+        """Whether this is the sampler of independent cells ([gibbs])."""
+        return self.prior == 'uniform' and self.size == 1
+
+
+@dataclass(frozen=True)
 class SamplerConfig:
     """Everything that decides the samples of a given set of scans."""
 
     model: ForwardModelConfig = ForwardModelConfig()
     window: WindowConfig = WindowConfig()
     chain: ChainConfig = ChainConfig()
+    patch: PatchConfig = PatchConfig()
 
 
 @dataclass(frozen=True)

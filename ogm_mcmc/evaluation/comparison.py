@@ -27,11 +27,13 @@ SAME_LATTICE = 0.01  # cells
 class Comparison(NamedTuple):
     """Figures, and the arrays they were made of, on the cells of the truth.
 
-    `probability` (H, W) with unknown cells filled in; `occupied` (H, W) the truth; `counted`
-    (H, W) the cells that count; `divergence` (H, W) nats.
+    `measured` (H, W) the map, nan where unknown; `probability` (H, W) the same with unknown cells
+    filled in; `occupied` (H, W) the truth; `counted` (H, W) the cells that count; `divergence`
+    (H, W) nats.
     """
 
     figures: dict[str, Any]
+    measured: Float32Array
     probability: Float32Array
     occupied: BoolArray
     counted: BoolArray
@@ -94,7 +96,7 @@ def compare(
     counts = confusion_counts(probability[counted], occupied[counted])
     bins = reliability(probability[counted], occupied[counted], config.bins)
     per_cell = divergence(occupied, probability, config.floor)
-    comparison = Comparison({}, probability, occupied, counted, per_cell, counts, bins)
+    comparison = Comparison({}, measured, probability, occupied, counted, per_cell, counts, bins)
     figures = _figures(comparison, truth.spec.resolution_m, config)
     figures['measured_cells'] = int((counted & np.isfinite(measured)).sum())
     return comparison._replace(figures=figures)

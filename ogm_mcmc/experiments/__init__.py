@@ -28,6 +28,7 @@ from ogm_mcmc.experiments import (
     gibbs_1d,
     patch_mutual_information,
     patch_sim_traditional,
+    pose_particles,
 )
 from ogm_mcmc.experiments.datasets import run_all
 from ogm_mcmc.experiments.results import make_page, row
@@ -48,4 +49,5 @@ EXPERIMENTS: dict[str, Run] = {
     'gibbs-1d': gibbs_1d.run,
     'patch-mutual-information': patch_mutual_information.run,
     'patch-sim-traditional': patch_sim_traditional.run,
+    'pose-particles': pose_particles.run,
 }

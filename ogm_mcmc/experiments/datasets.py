@@ -12,7 +12,7 @@ import multiprocessing
 import os
 import signal
 from collections.abc import Callable, Mapping
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import Any
@@ -50,11 +50,14 @@ def run_all(
     *,
     title: str = 'data sets',
     workers: int | None = None,
+    executor: Executor | None = None,
 ) -> dict[str, dict[str, Any]]:
     """Call `work(**arguments)` for every data set; return the results by name.
 
     `work` is a function of a module, its arguments and results are fit for JSON. Finished ones
     are kept in `folder`. Raises ExperimentError when a process dies; what is finished stays.
+    `executor` takes the place of local processes: anything with the interface of
+    concurrent.futures, a cluster's as well.
     """
     writable_folder(folder)
     results: dict[str, dict[str, Any]] = {}
@@ -75,7 +78,9 @@ def run_all(
             results[name] = result
             bar.update()
 
-        if count == 1:
+        if executor is not None:
+            _submitted(executor, work, missing, keep)
+        elif count == 1:
             for name, arguments in missing.items():
                 keep(name, work(**arguments))
         else:
@@ -92,13 +97,7 @@ def _in_processes(
     context = multiprocessing.get_context('spawn')
     pool = ProcessPoolExecutor(count, mp_context=context, initializer=_leave_ctrl_c_to_the_parent)
     try:
-        running: dict[Future[dict[str, Any]], str] = {
-            pool.submit(work, **arguments): name for name, arguments in missing.items()
-        }
-        while running:
-            done, _ = wait(running, return_when=FIRST_COMPLETED)
-            for future in done:
-                keep(running.pop(future), future.result())
+        _submitted(pool, work, missing, keep)
     except BrokenProcessPool as error:
         raise ExperimentError(
             'a worker process died (out of memory?): expected it to finish; '
@@ -107,6 +106,26 @@ def _in_processes(
     finally:
         # What has not begun is not begun any more; what runs is waited for.
         pool.shutdown(cancel_futures=True)
+
+
+def _submitted(
+    executor: Executor,
+    work: Work,
+    missing: Mapping[str, Mapping[str, Any]],
+    keep: Callable[[str, dict[str, Any]], None],
+) -> None:
+    """Keep every result as it comes; after an error, nothing more is begun."""
+    running: dict[Future[dict[str, Any]], str] = {
+        executor.submit(work, **arguments): name for name, arguments in missing.items()
+    }
+    try:
+        while running:
+            done, _ = wait(running, return_when=FIRST_COMPLETED)
+            for future in done:
+                keep(running.pop(future), future.result())
+    finally:
+        for future in running:
+            future.cancel()
 
 
 def _leave_ctrl_c_to_the_parent() -> None:

@@ -52,7 +52,7 @@ from ogm_mcmc.geometry.pose import (
     pose_from_quaternion,
     wrap_angle,
 )
-from ogm_mcmc.geometry.rays import Rays, cast_rays
+from ogm_mcmc.geometry.rays import Rays, SampledRays, cast_rays, cast_sampled_rays
 from ogm_mcmc.geometry.scan import Scan
 
 __all__ = [
@@ -63,9 +63,11 @@ __all__ = [
     'PoseBelief',
     'PoseSamples',
     'Rays',
+    'SampledRays',
     'Scan',
     'SensorMount',
     'cast_rays',
+    'cast_sampled_rays',
     'interpolate',
     'pose_from_quaternion',
     'wrap_angle',

@@ -43,6 +43,15 @@ class CellBox(NamedTuple):
             max(self.row1, other.row1),
         )
 
+    def intersection(self, other: CellBox) -> CellBox:
+        """Return the cells that lie in both; empty when there are none."""
+        return CellBox(
+            max(self.column0, other.column0),
+            max(self.row0, other.row0),
+            min(self.column1, other.column1),
+            min(self.row1, other.row1),
+        )
+
     def covers(self, other: CellBox) -> bool:
         """Whether every cell of the other box lies inside this one."""
         return other.empty or (

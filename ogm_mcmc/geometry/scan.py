@@ -26,11 +26,12 @@ def beam_directions(angle_min_rad: float, angle_increment_rad: float, count: int
 
 @dataclass(frozen=True, slots=True)
 class Scan:
-    """Ranges of one sweep, as REP 117 has them; nothing is clamped.
+    """Ranges of one sweep, as REP 117 has them; nothing is clamped. One sonar reading is one, too.
 
     `ranges_m` (B,) float32: +inf, nothing hit up to `range_max_m`; -inf and nan, no information;
     outside [range_min_m, range_max_m], no information. Beam i points at
     `angle_min_rad + i * angle_increment_rad`, counter-clockwise seen from above the sensor.
+    `beam_width_rad`: full angle of a beam that is a cone, 0 for a narrow one.
     """
 
     ranges_m: Float32Array
@@ -40,6 +41,7 @@ class Scan:
     range_max_m: float
     stamp_ns: int = 0
     frame_id: str = ''
+    beam_width_rad: float = 0.0
 
     @classmethod
     def checked(
@@ -53,6 +55,7 @@ class Scan:
         angle_max_rad: float | None = None,
         stamp_ns: int = 0,
         frame_id: str = '',
+        beam_width_rad: float = 0.0,
     ) -> Scan:
         """Validate what came from outside; raises ScanError with the reason.
 
@@ -76,6 +79,8 @@ class Scan:
                 f'range_min {range_min_m}, range_max {range_max_m}: '
                 'expected 0 <= range_min < range_max, both finite'
             )
+        if not 0.0 <= beam_width_rad < math.pi:
+            raise ScanError(f'beam width {beam_width_rad}: expected 0 to less than pi')
         if angle_max_rad is not None and count > 1:
             _check_angles(count, angle_min_rad, angle_max_rad, angle_increment_rad)
         return cls(
@@ -86,6 +91,7 @@ class Scan:
             float(range_max_m),
             stamp_ns,
             frame_id,
+            float(beam_width_rad),
         )
 
     def directions(self) -> Float64Array:

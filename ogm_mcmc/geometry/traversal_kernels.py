@@ -214,3 +214,47 @@ def beam_ends(
         hit[count] = reading <= reach
         count += 1
     return count, math.floor(left), math.floor(bottom), math.floor(right), math.floor(top)
+
+
+@njit(cache=True, nogil=True)
+def sampled_beam_ends(
+    ranges,
+    directions,
+    cells,
+    placed,
+    cells_per_m,
+    range_min,
+    range_max,
+    reach,
+    no_return_clears,
+    ends,
+    hit,
+    boxes,
+):
+    """Run `beam_ends` for M placed sensors; return the number of rays, the same for each.
+
+    cells (M, 2) int64 column and row of each sensor; placed (M, 4) its x, y, cosine, sine
+    ends (M, 2, B), hit (B,) uint8, boxes (M, 4) int64: output, see `SampledRays`
+    """
+    count = 0
+    for k in range(cells.shape[0]):
+        count, left, bottom, right, top = beam_ends(
+            ranges,
+            directions,
+            placed[k, 2],
+            placed[k, 3],
+            placed[k, 0],
+            placed[k, 1],
+            cells_per_m,
+            range_min,
+            range_max,
+            reach,
+            no_return_clears,
+            ends[k],
+            hit,
+        )
+        boxes[k, 0] = cells[k, 0] + left
+        boxes[k, 1] = cells[k, 1] + bottom
+        boxes[k, 2] = cells[k, 0] + right + 1
+        boxes[k, 3] = cells[k, 1] + top + 1
+    return count

@@ -1,8 +1,8 @@
 """Parse CARMEN logs (old and new format) and GMapping's .gfs, plain or gzipped.
 
 Lines read: FLASER, RLASER (old), ROBOTLASERn (new), ODOM, PARAM, and of GMapping's full output
-LASER_READING and SM_UPDATE. Everything else is counted and left alone. Values stay as in the
-file; what they mean in ROS is decided in `carmen_import`.
+LASER_READING, SM_UPDATE and RESAMPLE. Everything else is counted and left alone. Values stay as
+in the file; what they mean in ROS is decided in `carmen_import`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ogm_mcmc.arrays import Float64Array
+from ogm_mcmc.arrays import Float64Array, Int64Array
 from ogm_mcmc.errors import LogError, PoseError
 from ogm_mcmc.geometry import Pose2D, PoseSamples
 
@@ -32,7 +32,11 @@ OLD_FORMAT_STEP_DEG = {180: 1.0, 181: 1.0, 360: 0.5, 361: 0.5, 401: 0.25}
 
 @dataclass(slots=True)
 class LogScan:
-    """One laser line; `max_range_m` 0 where the format does not name it."""
+    """One laser line; `max_range_m` 0 where the format does not name it.
+
+    Of GMapping: `particles` after the scan, with their `log_weights` as printed; `parents` where
+    the filter was resampled after that: the particle each of the next ones descends from.
+    """
 
     line: int
     laser: str
@@ -43,6 +47,8 @@ class LogScan:
     max_range_m: float
     laser_pose: Pose2D
     particles: PoseSamples | None = None
+    log_weights: Float64Array | None = None
+    parents: Int64Array | None = None
 
 
 @dataclass(slots=True)
@@ -133,6 +139,8 @@ class _LineReader:
                 self.keep(self.gmapping_laser(number, words))
             elif kind == 'SM_UPDATE':
                 self.particles(number, words)
+            elif kind == 'RESAMPLE':
+                self.resampling(number, words)
             elif kind == 'ODOM':
                 self.keep_odometry(self.odometry(number, words))
             elif kind == 'PARAM' and len(words) > 2:
@@ -276,6 +284,19 @@ class _LineReader:
         self.last_scan.particles = PoseSamples(
             np.ascontiguousarray(table[:, :3]), particle_weights(table[:, 3])
         )
+        self.last_scan.log_weights = np.ascontiguousarray(table[:, 3])
+
+    def resampling(self, line: int, words: list[str]) -> None:
+        """RESAMPLE m parents...: which of the particles before each of the next descends from."""
+        if self.last_scan is None or self.last_scan.log_weights is None:
+            raise self.fault(line, 'RESAMPLE before any SM_UPDATE', 'the particles first')
+        count = self.count(line, words, 1, 'number of particles')
+        parents = self.readings(line, words, 2, count)
+        known = np.isin(parents, np.arange(self.last_scan.log_weights.size)).all()
+        if count != self.last_scan.log_weights.size or not known:
+            wanted = f'{self.last_scan.log_weights.size} of the particles before'
+            raise self.fault(line, 'RESAMPLE names others', wanted)
+        self.last_scan.parents = parents.astype(np.int64)
 
     def odometry(self, line: int, words: list[str]) -> LogOdometry:
         """ODOM x y theta [tv rv accel] time [host logger_time]."""

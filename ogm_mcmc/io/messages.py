@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ogm_mcmc.arrays import Float64Array
-from ogm_mcmc.errors import PoseError
+from ogm_mcmc.errors import PoseError, ScanError
 from ogm_mcmc.geometry import (
     CellBox,
     GridSpec,
@@ -29,6 +29,7 @@ __all__ = [
     'frame_of',
     'read_particles',
     'read_pose',
+    'read_range',
     'read_scan',
     'stamp_of',
     'time_parts',
@@ -70,6 +71,30 @@ def read_scan(msg: Any) -> Scan:
         range_max_m=float(msg.range_max),
         stamp_ns=stamp_of(msg),
         frame_id=frame_of(msg),
+    )
+
+
+def read_range(msg: Any) -> Scan:
+    """Read a sensor_msgs/Range as a scan of one cone. Raises ScanError.
+
+    A reading of exactly max_range is what many drivers send when no echo came: it becomes inf,
+    as REP 117 would have it.
+    """
+    reading, furthest = float(msg.range), float(msg.max_range)
+    if float(msg.min_range) == furthest:
+        raise ScanError(
+            f'min_range and max_range are both {furthest:g}: expected a sensor that measures '
+            'distances, not one of a fixed distance'
+        )
+    return Scan.checked(
+        np.array([math.inf if reading == furthest else reading]),
+        angle_min_rad=0.0,
+        angle_increment_rad=0.0,
+        range_min_m=float(msg.min_range),
+        range_max_m=furthest,
+        stamp_ns=stamp_of(msg),
+        frame_id=frame_of(msg),
+        beam_width_rad=float(msg.field_of_view),
     )
 
 
@@ -117,12 +142,19 @@ def _checked_covariance(covariance: Float64Array) -> Float64Array:
 
 
 def read_particles(msg: Any) -> PoseBelief:
-    """Read a geometry_msgs/PoseArray as equally weighted samples.
+    """Read a geometry_msgs/PoseArray as equally weighted samples, or a nav2_msgs/ParticleCloud.
 
-    Raises PoseError when it is empty or holds a pose that is not finite or not level.
+    Raises PoseError when it is empty, holds a pose that is not finite or not level, or weights
+    that cannot be normalised.
     """
-    planar = [_planar(pose) for pose in msg.poses]
-    samples = PoseSamples.checked(np.array([(p.x_m, p.y_m, p.yaw_rad) for p in planar]))
+    weights = None
+    if hasattr(msg, 'particles'):
+        planar = [_planar(particle.pose) for particle in msg.particles]
+        weights = np.array([float(particle.weight) for particle in msg.particles])
+    else:
+        planar = [_planar(pose) for pose in msg.poses]
+    table = np.array([(p.x_m, p.y_m, p.yaw_rad) for p in planar])
+    samples = PoseSamples.checked(table, weights)
     return PoseBelief(samples.mean(), samples.covariance(), samples)
 
 

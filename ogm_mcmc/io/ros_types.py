@@ -15,17 +15,22 @@ from ogm_mcmc.io.messages import time_parts
 __all__ = [
     'ODOMETRY',
     'PARTICLES',
+    'PARTICLE_CLOUD',
     'POSE',
+    'RANGE',
     'SCAN',
     'laser_scan',
     'odometry',
     'pose_array',
     'pose_with_covariance',
+    'range_reading',
 ]
 
 SCAN = 'sensor_msgs/msg/LaserScan'
 POSE = 'geometry_msgs/msg/PoseWithCovarianceStamped'
 PARTICLES = 'geometry_msgs/msg/PoseArray'
+PARTICLE_CLOUD = 'nav2_msgs/msg/ParticleCloud'
+RANGE = 'sensor_msgs/msg/Range'
 ODOMETRY = 'nav_msgs/msg/Odometry'
 
 
@@ -107,3 +112,18 @@ def laser_scan(
         np.ascontiguousarray(ranges, np.float32),
         np.zeros(0, np.float32),
     )
+
+
+def range_reading(
+    stamp_ns: int,
+    frame_id: str,
+    reading_m: float,
+    *,
+    field_of_view: float,
+    range_min: float,
+    range_max: float,
+) -> Any:
+    """Range of an ultrasonic sensor; inf where no echo came."""
+    sonar, variance_unknown = 0, 0.0
+    fields = (_header(stamp_ns, frame_id), sonar, field_of_view, range_min, range_max, reading_m)
+    return _make(RANGE, *fields, variance_unknown)

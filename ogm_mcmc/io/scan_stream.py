@@ -15,34 +15,51 @@ __all__ = ['POSE_TYPES', 'PlacedScans', 'StreamChoice', 'StreamTopics', 'choose_
 
 POSE_TYPES = {
     'pose': (ros_types.POSE, 'geometry_msgs/msg/PoseStamped', ros_types.ODOMETRY),
-    'particles': (ros_types.PARTICLES,),
+    'particles': (ros_types.PARTICLES, ros_types.PARTICLE_CLOUD),
 }
 
 
 @dataclass(frozen=True)
 class StreamChoice:
-    """Which topics to use; empty names stand for the first that fits."""
+    """Which topics to use; empty names stand for the first that fits.
+
+    `sensor` range: Range messages in place of scans; `scan_topic` may name several of their
+    topics, separated by commas, and if empty stands for all of them.
+    """
 
     scan_topic: str = ''
     pose_topic: str = ''
     pose_source: str = 'pose'
     max_pose_gap_s: float = 2.0
+    sensor: str = 'scan'
 
 
 class StreamTopics(NamedTuple):
-    """The topics chosen and the map frame their poses name."""
+    """The topics chosen and the map frame their poses name.
+
+    `scan_frame` is that of the first scan; Range messages come from as many frames as sonars.
+    """
 
     scan: BagTopic
     pose: BagTopic
     map_frame: str
     scan_frame: str
+    more_ranges: tuple[BagTopic, ...] = ()
+
+    @property
+    def scans(self) -> tuple[BagTopic, ...]:
+        """All topics with readings."""
+        return (self.scan, *self.more_ranges)
 
 
 def choose_topics(bag: BagReader, choice: StreamChoice) -> StreamTopics:
     """Find the scans and poses of a bag. Raises BagError that says what is missing."""
-    scan = bag.find('scans', (ros_types.SCAN,), choice.scan_topic)
+    if choice.sensor == 'range':
+        scan, *more = _range_topics(bag, choice.scan_topic)
+    else:
+        scan, more = bag.find('scans', (ros_types.SCAN,), choice.scan_topic), []
     pose = bag.find('poses', POSE_TYPES[choice.pose_source], choice.pose_topic)
-    frames = []
+    frames: list[str] = []
     for topic in (pose, scan):
         first = next(bag.records((topic.name,)), None)
         if first is None:
@@ -50,7 +67,15 @@ def choose_topics(bag: BagReader, choice: StreamChoice) -> StreamTopics:
                 f'{bag.path}: no message on {topic.name}, although its index names some'
             )
         frames.append(messages.frame_of(bag.decode(first)))
-    return StreamTopics(scan, pose, *frames)
+    return StreamTopics(scan, pose, frames[0], frames[1], tuple(more))
+
+
+def _range_topics(bag: BagReader, wanted: str) -> list[BagTopic]:
+    if wanted:
+        names = filter(None, map(str.strip, wanted.split(',')))
+        return [bag.find('ranges', (ros_types.RANGE,), name) for name in names]
+    bag.find('ranges', (ros_types.RANGE,))  # or say what is missing
+    return [t for t in bag.topics() if t.msgtype == ros_types.RANGE and t.n_messages > 0]
 
 
 @dataclass
@@ -79,13 +104,18 @@ class PlacedScans:
             if self.choice.pose_source == 'particles'
             else messages.read_pose
         )
-        for record in self.bag.records((self.topics.scan.name, self.topics.pose.name)):
+        ranges = self.choice.sensor == 'range'
+        read_scan = messages.read_range if ranges else messages.read_scan
+        scan_names = {topic.name for topic in self.topics.scans}
+        for record in self.bag.records((*scan_names, self.topics.pose.name)):
             message = self.bag.decode(record)
             where = f'{self.bag.path}: {record.topic} at {record.time_ns / 1e9:.3f} s'
             try:
-                if record.topic == self.topics.scan.name:
-                    self._check_frame(where, messages.frame_of(message), self.topics.scan_frame)
-                    self.placer.add_scan(messages.read_scan(message))
+                if record.topic in scan_names:
+                    if not ranges:
+                        frame = messages.frame_of(message)
+                        self._check_frame(where, frame, self.topics.scan_frame)
+                    self.placer.add_scan(read_scan(message))
                     self.on_scan()
                 else:
                     self._check_frame(where, messages.frame_of(message), self.topics.map_frame)

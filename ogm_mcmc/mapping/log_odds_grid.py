@@ -1,14 +1,14 @@
-"""A dense log-odds array that grows with the map."""
+"""Dense arrays that grow with the map: log-odds, or counts."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from ogm_mcmc.arrays import Float32Array
+from ogm_mcmc.arrays import AnyArray, Float32Array, UInt32Array
 from ogm_mcmc.errors import GridError
 from ogm_mcmc.geometry import CellBox, GridSpec
 
-__all__ = ['LogOddsGrid']
+__all__ = ['CountGrid', 'GrowingGrid', 'LogOddsGrid']
 
 # Columns grow in whole words of the bit sets, rows likewise for symmetry.
 BLOCK = 64
@@ -17,8 +17,8 @@ BLOCK = 64
 MAX_SIDE = 2**22
 
 
-class LogOddsGrid:
-    """Log-odds (height, width) float32, nan where nothing was ever measured.
+class GrowingGrid:
+    """Arrays (height, width), each for one fact about every cell, and bit sets as scratch.
 
     The window starts as one block and grows by whole blocks, with an eighth of its size to
     spare, so that copying stays a small part of the work; cells never move on the lattice.
@@ -33,9 +33,17 @@ class LogOddsGrid:
         words = spec.height * spec.width // 64
         self.spec = spec
         self._box = spec.box
-        self.log_odds: Float32Array = np.full((spec.height, spec.width), np.nan, np.float32)
         self.free_bits = np.zeros(words, np.uint64)
         self.hit_bits = np.zeros(words, np.uint64)
+        self._make_layers((spec.height, spec.width))
+
+    def _make_layers(self, shape: tuple[int, int]) -> None:
+        """Make the arrays of a window in which nothing was measured yet."""
+        raise NotImplementedError
+
+    def layers(self) -> tuple[AnyArray, ...]:
+        """Return what is kept when the window grows."""
+        raise NotImplementedError
 
     def clear(self) -> None:
         """Forget everything, the extent included."""
@@ -74,11 +82,35 @@ class LogOddsGrid:
                 f'map would grow to {tight.column1 - tight.column0} x {tight.row1 - tight.row0} '
                 f'cells: expected at most max_cells = {self.max_cells}'
             )
-        before, kept = self.log_odds, self._box
+        before, kept = self.layers(), self._box
         self._allocate(self.spec.windowed(target))
         if self._placed:
-            self.log_odds[self.spec.slices(kept)] = before
+            for layer, earlier in zip(self.layers(), before, strict=True):
+                layer[self.spec.slices(kept)] = earlier
         self._placed = True
+
+
+class LogOddsGrid(GrowingGrid):
+    """Log-odds (height, width) float32, nan where nothing was ever measured."""
+
+    def _make_layers(self, shape: tuple[int, int]) -> None:
+        self.log_odds: Float32Array = np.full(shape, np.nan, np.float32)
+
+    def layers(self) -> tuple[AnyArray, ...]:
+        """Return what is kept when the window grows."""
+        return (self.log_odds,)
+
+
+class CountGrid(GrowingGrid):
+    """Hits and misses (height, width) uint32."""
+
+    def _make_layers(self, shape: tuple[int, int]) -> None:
+        self.hits: UInt32Array = np.zeros(shape, np.uint32)
+        self.misses: UInt32Array = np.zeros(shape, np.uint32)
+
+    def layers(self) -> tuple[AnyArray, ...]:
+        """Return what is kept when the window grows."""
+        return (self.hits, self.misses)
 
 
 def _whole_blocks(box: CellBox) -> CellBox:

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol
+from typing import ClassVar, Protocol, runtime_checkable
 
 from ogm_mcmc.arrays import Float32Array
 from ogm_mcmc.config import MapperConfig
 from ogm_mcmc.geometry import CellBox, GridSpec, PoseBelief, Scan
+from ogm_mcmc.mapping.counting import CountingMapper
+from ogm_mcmc.mapping.pose_uncertain import PoseUncertainMapper
+from ogm_mcmc.mapping.sonar import SonarMapper
 from ogm_mcmc.mapping.two_assumption import TwoAssumptionMapper
 
-__all__ = ['METHODS', 'MappingMethod', 'make_method']
+__all__ = ['METHODS', 'MappingMethod', 'Reconfigurable', 'make_method']
 
 
 class MappingMethod(Protocol):
@@ -45,8 +48,22 @@ class MappingMethod(Protocol):
         ...
 
 
+@runtime_checkable
+class Reconfigurable(Protocol):
+    """A method that takes over some settings while it maps."""
+
+    live_settings: ClassVar[frozenset[str]]
+
+    def configure(self, config: MapperConfig) -> None:
+        """Take over settings; those that are not in `live_settings` are as before."""
+        ...
+
+
 METHODS: dict[str, Callable[[MapperConfig], MappingMethod]] = {
     'two_assumption': TwoAssumptionMapper,
+    'pose_uncertain': PoseUncertainMapper,
+    'counting': CountingMapper,
+    'sonar': SonarMapper,
 }
 
 

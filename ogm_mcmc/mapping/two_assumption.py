@@ -2,55 +2,55 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
-from ogm_mcmc.arrays import Float32Array
 from ogm_mcmc.config import MapperConfig
-from ogm_mcmc.geometry import CellBox, GridSpec, PoseBelief, Scan, cast_rays
-from ogm_mcmc.mapping.log_odds_grid import LogOddsGrid
+from ogm_mcmc.geometry import CellBox, Pose2D, PoseBelief, PoseSamples, Scan, cast_rays
+from ogm_mcmc.mapping.evidence import EvidenceWindow
+from ogm_mcmc.mapping.log_odds_mapper import NOTHING, LogOddsMapper
 from ogm_mcmc.mapping.two_assumption_kernels import fuse_per_beam, fuse_per_scan
+from ogm_mcmc.sensors import beam_model
 
 __all__ = ['TwoAssumptionMapper']
 
 
-class TwoAssumptionMapper:
+class TwoAssumptionMapper(LogOddsMapper):
     """Log-odds of every cell, updated at the mean of the believed pose.
 
     l(m | z_1:n) = l(m | z_1:n-1) + l(m | z_n) - l(m), with the step inverse model: `l_free` for
-    the cells a beam crossed, `l_occ` for the one it ended in. `fusion` says whether a scan
-    counts once per cell or once per beam.
+    the cells a beam crossed, `l_occ` for the one it ended in; or with the Gaussian one. `fusion`
+    says whether a scan counts once per cell or once per beam.
     """
 
     def __init__(self, config: MapperConfig) -> None:
-        self.config = config
-        self.grid = LogOddsGrid(config.resolution, config.max_cells)
-        # Kernels see float32 only, so that each has one signature.
-        self._model = (
-            np.float32(config.step.l_free),
-            np.float32(config.step.l_occ),
-            np.float32(math.log(config.prior) - math.log1p(-config.prior)),
-            np.float32(config.log_odds_limit),
-        )
+        self._window = EvidenceWindow()
+        super().__init__(config)
 
-    @property
-    def spec(self) -> GridSpec:
-        """Where the cells lie."""
-        return self.grid.spec
+    def configure(self, config: MapperConfig) -> None:
+        """Take over settings; see `LogOddsMapper.configure`."""
+        super().configure(config)
+        self._beams = beam_model(config)
+        self._model = (self._beams.l_free, self._beams.l_occ, self._prior, self._limit)
 
     def update(self, scan: Scan, belief: PoseBelief) -> CellBox:
         """Add one scan; see `MappingMethod.update`."""
+        return self.update_at(scan, belief.mean)
+
+    def update_at(self, scan: Scan, sensor: Pose2D) -> CellBox:
+        """Add one scan taken at a known pose of the sensor."""
+        if self._beams.gaussian:
+            pose = np.array([[sensor.x_m, sensor.y_m, sensor.yaw_rad]])
+            return self.update_over(scan, PoseSamples(pose, np.ones(1)))
         grid = self.grid
         rays = cast_rays(
             scan,
-            belief.mean,
+            sensor,
             grid.spec,
             max_range_m=self.config.max_range,
             no_return_clears=self.config.no_return == 'clear',
         )
         if rays.n_rays == 0:
-            return CellBox(0, 0, 0, 0)
+            return NOTHING
         grid.cover(rays.box)
         column, row = rays.column - grid.spec.column0, rays.row - grid.spec.row0
         geometry = (column, row, rays.x, rays.y, rays.ends, rays.hit, rays.n_rays)
@@ -63,21 +63,13 @@ class TwoAssumptionMapper:
             fuse_per_beam(grid.log_odds, columns, rows, *geometry, *self._model)
         return rays.box
 
-    def log_odds(self, box: CellBox) -> Float32Array:
-        """Log-odds in nats for each cell of a box, nan where never measured; a view."""
-        return self.grid.log_odds[self.grid.spec.slices(box)]
-
-    def probabilities(self, box: CellBox) -> Float32Array:
-        """Probability of being occupied; see `MappingMethod.probabilities`."""
-        with np.errstate(over='ignore'):
-            odds_against = np.exp(-self.log_odds(box))
-        probability: Float32Array = np.float32(1.0) / (np.float32(1.0) + odds_against)
-        return probability
+    def update_over(self, scan: Scan, samples: PoseSamples) -> CellBox:
+        """Add the evidence of one scan averaged over samples of the sensor's pose."""
+        return self._window.add(
+            self.grid, scan, samples, self._beams, self.config, self._prior, self._limit
+        )
 
     def reset(self) -> None:
         """Forget every scan, and give the memory back."""
-        self.grid.clear()
-
-    def forget_cells(self) -> None:
-        """Forget every scan, but keep the extent and its memory."""
-        self.grid.log_odds.fill(np.nan)
+        super().reset()
+        self._window.clear()

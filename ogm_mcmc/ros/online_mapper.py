@@ -11,14 +11,15 @@ from typing import Any
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from sensor_msgs.msg import LaserScan
+from sensor_msgs.msg import LaserScan, Range
 from std_srvs.srv import SetBool, Trigger
 
-from ogm_mcmc.config import MapperConfig, OutputConfig, PlacingConfig
-from ogm_mcmc.errors import GridError, OgmError, PoseError, ScanError
+from ogm_mcmc.config import LIVE_MAPPING, MapperConfig, OutputConfig, PlacingConfig
+from ogm_mcmc.errors import ConfigError, GridError, OgmError, PoseError, ScanError
 from ogm_mcmc.geometry import Scan, SensorMount
 from ogm_mcmc.io import messages
 from ogm_mcmc.io.map_files import save_map
@@ -84,7 +85,7 @@ class OnlineMapper(Node):
         )
         self.create_timer(HOUSEKEEPING_S, self.on_housekeeping, clock=steady)
         self.create_timer(DIAGNOSTICS_S, self.publish_diagnostics, clock=steady)
-        self.add_on_set_parameters_callback(self.parameters.check)
+        self.add_on_set_parameters_callback(self.check_parameters)
         self.add_post_set_parameters_callback(self.on_parameters_set)
 
     def _make_placer(self) -> ScanPlacer:
@@ -102,16 +103,30 @@ class OnlineMapper(Node):
         )
 
     def _subscribe(self) -> None:
-        self.create_subscription(LaserScan, 'scan', self.on_scan, qos.SENSOR)
+        if self.pipeline.config.method == 'sonar':
+            self.create_subscription(Range, 'range', self.on_range, qos.SENSOR)
+        else:
+            self.create_subscription(LaserScan, 'scan', self.on_scan, qos.SENSOR)
         if self.settings.pose_source == 'pose':
             self.create_subscription(PoseWithCovarianceStamped, 'pose', self.on_pose, qos.POSES)
         elif self.settings.pose_source == 'particles':
             self.create_subscription(PoseArray, 'particles', self.on_particles, qos.POSES)
+        elif self.settings.pose_source == 'particle_cloud':
+            cloud = particle_cloud_type()
+            self.create_subscription(cloud, 'particle_cloud', self.on_particles, qos.POSES)
 
     # -- messages in ------------------------------------------------------------------------
 
     def on_scan(self, msg: LaserScan) -> None:
         """Queue a scan and map whatever can be placed."""
+        self.take_scan(msg, messages.read_scan)
+
+    def on_range(self, msg: Range) -> None:
+        """Queue the reading of a sonar; it is placed like a scan."""
+        self.take_scan(msg, messages.read_range)
+
+    def take_scan(self, msg: Any, read: Any) -> None:
+        """Queue a scan, unless it is of another frame or invalid."""
         self.counts['scans_received'] += 1
         wanted = self.settings.sensor_frame
         if self.paused:
@@ -122,7 +137,7 @@ class OnlineMapper(Node):
             )
         else:
             try:
-                self.placer.add_scan(messages.read_scan(msg), time.monotonic())
+                self.placer.add_scan(read(msg), time.monotonic())
             except ScanError as error:
                 self.warn('scan_invalid', f'scan dropped: {error}')
             self.map_placed_scans()
@@ -131,8 +146,8 @@ class OnlineMapper(Node):
         """Take a pose and map the scans that waited for it."""
         self.take_pose(msg, messages.read_pose)
 
-    def on_particles(self, msg: PoseArray) -> None:
-        """Take a particle cloud and map the scans that waited for it."""
+    def on_particles(self, msg: Any) -> None:
+        """Take a PoseArray or a ParticleCloud and map the scans that waited for it."""
         self.take_pose(msg, messages.read_particles)
 
     def take_pose(self, msg: Any, read: Any) -> None:
@@ -184,7 +199,7 @@ class OnlineMapper(Node):
     def mount_of(self, scan: Scan) -> SensorMount | None:
         """Return where the sensor of a scan sits, None while it is not known."""
         if self.settings.mount_source == 'parameters':
-            return sensor_mount(self.placing.mount)
+            return sensor_mount(self.placing.mount, scan.frame_id)
         if scan.frame_id not in self._mounts:
             assert self.tf is not None
             try:
@@ -305,6 +320,14 @@ class OnlineMapper(Node):
         response.message = 'paused: scans are ignored' if self.paused else 'mapping'
         return response
 
+    def check_parameters(self, changes: list[Parameter]) -> SetParametersResult:
+        """Judge a change; a method may have settings fixed that others take over."""
+        fixed = LIVE_MAPPING - self.pipeline.live_settings
+        for name in sorted({change.name for change in changes} & fixed):
+            reason = f'{name} is fixed at start by method {self.pipeline.config.method}'
+            return SetParametersResult(successful=False, reason=reason)
+        return self.parameters.check(changes)
+
     def on_parameters_set(self, _: list[Parameter]) -> None:
         """Take over what `LIVE_PARAMETERS` allows to change."""
         before = self.output
@@ -319,6 +342,24 @@ class OnlineMapper(Node):
         if self.output != before:
             self.map_publisher.view.output = self.output
             self.map_publisher.mark(self.pipeline.changed)
+        mapping = self.parameters.read(MapperConfig)
+        if mapping != self.pipeline.config:
+            self.pipeline.configure(mapping)
+            # What is shown of the cells may be another thing now (`counting.show`).
+            for publisher in (self.map_publisher, self.entropy_publisher):
+                publisher.mark(self.pipeline.changed)
+
+
+def particle_cloud_type() -> Any:
+    """Return nav2_msgs/ParticleCloud; raises ConfigError where it is not installed."""
+    try:
+        from nav2_msgs.msg import ParticleCloud
+    except ImportError as error:
+        raise ConfigError(
+            f'pose_source particle_cloud needs nav2_msgs ({error}): expected it installed, or '
+            'pose_source particles (PoseArray)'
+        ) from error
+    return ParticleCloud
 
 
 def main(args: list[str] | None = None) -> None:

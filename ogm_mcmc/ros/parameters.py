@@ -84,7 +84,8 @@ class ParameterSet:
                 continue
             if change.name not in self.live:
                 reason = (
-                    f'{change.name} is fixed at start; changeable: {", ".join(sorted(self.live))}'
+                    f'{change.name} is fixed at start: what was mapped, or how the node is '
+                    f'connected, depends on it; changeable: {", ".join(sorted(self.live))}'
                 )
                 return SetParametersResult(successful=False, reason=reason)
             values[change.name] = change.value

@@ -4,7 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ogm_mcmc.config import MapperConfig, OutputConfig, PlacingConfig, check_bounds, setting
+from ogm_mcmc.config import (
+    LIVE_MAPPING,
+    MapperConfig,
+    OutputConfig,
+    PlacingConfig,
+    check_bounds,
+    setting,
+)
 
 __all__ = [
     'LIVE_PARAMETERS',
@@ -25,8 +32,9 @@ class OnlineMapperConfig:
     sensor_frame: str = setting('', 'scans must carry this frame_id; empty: any')
     pose_source: str = setting(
         'pose',
-        'pose: PoseWithCovarianceStamped; particles: PoseArray; tf: where tf2_ros is installed',
-        choices=('pose', 'particles', 'tf'),
+        'pose: PoseWithCovarianceStamped; particles: PoseArray; particle_cloud: ParticleCloud, '
+        'where nav2_msgs is installed; tf: where tf2_ros is installed',
+        choices=('pose', 'particles', 'particle_cloud', 'tf'),
     )
     mount_source: str = setting(
         'parameters',
@@ -62,7 +70,7 @@ class OnlineMapperConfig:
 # All at the top level of the node, like the names people know from slam_toolbox.
 NODE_CONFIGS = (MapperConfig, OutputConfig, PlacingConfig, OnlineMapperConfig)
 
-# What may change while the node runs; the rest decides what was already mapped.
+# What may change while the node runs; what was already mapped depends on the rest.
 LIVE_PARAMETERS = frozenset(
     {
         'output',
@@ -74,6 +82,7 @@ LIVE_PARAMETERS = frozenset(
         'latched_interval',
         'save_directory',
         'save_name',
+        *LIVE_MAPPING,
     }
 )
 

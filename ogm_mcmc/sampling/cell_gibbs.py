@@ -82,8 +82,11 @@ class CellModel:
         find_first_hits(mine, self.index, records)
         return GibbsState(mine, records)
 
-    def advance(self, rng: Generator, state: GibbsState) -> int:
-        """Draw every touched cell once, in place; return the number of flips."""
+    def advance(self, rng: Generator, state: GibbsState, *, settling: bool = False) -> int:
+        """Draw every touched cell once, in place; return the number of flips.
+
+        `settling` makes no difference to single cells, see `PosteriorModel`.
+        """
         order = self.touched
         if self.order == 'random':
             order = rng.permutation(self.touched)

@@ -95,8 +95,11 @@ class RayWindow:
     from an index must stop before more is added.
     """
 
-    def __init__(self, config: WindowConfig, model: ForwardModelConfig) -> None:
+    def __init__(
+        self, config: WindowConfig, model: ForwardModelConfig, *, margin: int = 0
+    ) -> None:
         self.config = config
+        self.margin = margin  # cells beyond all rays that belong to the window, too
         self.model_config = model
         self.model = ForwardModel.from_config(model)
         self.spec = GridSpec(config.resolution, 1, 1)
@@ -112,6 +115,12 @@ class RayWindow:
         if rays is None:
             return 0
         first_ray = self.index.n_rays
+        box = CellBox(
+            box.column0 - self.margin,
+            box.row0 - self.margin,
+            box.column1 + self.margin,
+            box.row1 + self.margin,
+        )
         spec = self.spec.windowed(self.spec.box.union(box) if first_ray else box)
         at_most = self.index.n_pairs + int(_most_cells(rays).sum())
         self._check_memory(at_most, first_ray + rays.length.size, spec.width * spec.height)

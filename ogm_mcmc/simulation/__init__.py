@@ -21,6 +21,7 @@ from ogm_mcmc.simulation.localization import (
 )
 from ogm_mcmc.simulation.odometry import Motion, OdometryNoise, motion_between
 from ogm_mcmc.simulation.recording import SimulatedScan, record, record_exploration
+from ogm_mcmc.simulation.sonar import SonarReading, SonarRing
 from ogm_mcmc.simulation.trajectories import walk
 from ogm_mcmc.simulation.worlds import WORLDS, Building, rasterised
 
@@ -37,6 +38,8 @@ __all__ = [
     'ParticleFilter',
     'ParticleFilterSettings',
     'SimulatedScan',
+    'SonarReading',
+    'SonarRing',
     'Stop',
     'explore',
     'generate_floor',

@@ -5,8 +5,10 @@ outputs at every time step a distribution describing the robot's estimated pose"
 with the noise of the odometry and are weighted by the ranges they should have measured in the
 map, cast exactly. Beams of one scan are no independent witnesses (they share the errors of map
 and pose), so only some are used and their log-likelihood counts by a power below 1. With 0.1 of
-60 beams the beliefs are honest: errors of 2 cm where they claim 3 (buildings 2 and 8, range noise
-3 and 30 cm); with 0.3 half of the errors were far outside of what was claimed.
+60 beams the beliefs are honest, if a little shy: errors of 2 to 3 cm where they claim 3 to 4,
+normalised squared errors of 1 on average where 3 would be exact (buildings 2 and 8, range noise 3
+and 30 cm). With 0.3 they are smaller, but now and then one particle is left and all wrong: 4 to
+19 on average.
 """
 
 from __future__ import annotations

@@ -17,7 +17,8 @@ import numpy as np
 
 from ogm_mcmc.arrays import Float32Array
 from ogm_mcmc.config import MapperConfig
-from ogm_mcmc.geometry import CellBox, Pose2D, Scan
+from ogm_mcmc.geometry import CellBox, Pose2D, PoseSamples, Scan
+from ogm_mcmc.sensors import GaussianInverseModel
 
 __all__ = [
     'Beam',
@@ -27,6 +28,8 @@ __all__ = [
     'corner_margin',
     'crossed_cells',
     'crosses',
+    'evidence_of',
+    'mean_evidence',
     'measured_cells',
     'usable_length',
 ]
@@ -189,6 +192,50 @@ class NaiveMapper:
                 value = min(max(value + step, -limit), limit)
             log_odds[cell] = value
         return log_odds
+
+
+def evidence_of(scan: Scan, sensor: Pose2D, config: MapperConfig) -> dict[Cell, float]:
+    """Log-odds one scan from one pose gives to each cell it says anything about.
+
+    `per_scan`: the highest of what its beams say; `per_beam`: their sum.
+    """
+    evidence: dict[Cell, float] = {}
+    for beam in beams_of(scan, sensor, config):
+        for cell, value in _beam_evidence(beam, scan, config).items():
+            if config.fusion == 'per_scan':
+                evidence[cell] = max(evidence.get(cell, -math.inf), value)
+            else:
+                evidence[cell] = evidence.get(cell, 0.0) + value
+    return evidence
+
+
+def _beam_evidence(beam: Beam, scan: Scan, config: MapperConfig) -> dict[Cell, float]:
+    if config.inverse_model == 'step':
+        values = dict.fromkeys(crossed_cells(*beam[:4]), config.step.l_free)
+        if beam.hit:
+            values[math.floor(beam.x1), math.floor(beam.y1)] = config.step.l_occ
+        return values
+    if not beam.hit:
+        return dict.fromkeys(crossed_cells(*beam[:4]), config.gaussian.l_min)
+    model = GaussianInverseModel(config.gaussian, config.resolution)
+    reading = math.hypot(beam.x1 - beam.x0, beam.y1 - beam.y0) * config.resolution
+    behind = 0.5 * model.width_m + 3.0 * model.sigma_m(reading)
+    reach = min(scan.range_max_m, config.max_range or math.inf)
+    share = min(reading + behind, max(reach, reading)) / reading
+    end = (beam.x0 + share * (beam.x1 - beam.x0), beam.y0 + share * (beam.y1 - beam.y0))
+    cells = crossed_cells(beam.x0, beam.y0, *end)
+    distances = np.array([math.hypot(c + 0.5 - beam.x0, r + 0.5 - beam.y0) for c, r in cells])
+    log_odds = model.log_odds(distances * config.resolution, reading)
+    return dict(zip(cells, log_odds.tolist(), strict=True))
+
+
+def mean_evidence(scan: Scan, samples: PoseSamples, config: MapperConfig) -> dict[Cell, float]:
+    """Weighted mean over pose samples of what a scan says about each cell ([pose] Eq. 9)."""
+    mean: defaultdict[Cell, float] = defaultdict(float)
+    for pose, weight in zip(samples.poses.tolist(), samples.weights.tolist(), strict=True):
+        for cell, value in evidence_of(scan, Pose2D(*pose), config).items():
+            mean[cell] += weight * value
+    return dict(mean)
 
 
 def measured_cells(values: Float32Array, box: CellBox) -> dict[Cell, float]:

@@ -5,7 +5,7 @@ import pytest
 
 from ogm_mcmc.benchmarks.online import count_ray_cells, time_online
 from ogm_mcmc.benchmarks.scene import generated_scene, load_scene
-from ogm_mcmc.config import MapperConfig
+from ogm_mcmc.config import MapperConfig, PoseUncertainConfig
 from ogm_mcmc.errors import BagError
 from ogm_mcmc.geometry import Pose2D, PoseBelief
 from ogm_mcmc.placement import Placement
@@ -31,6 +31,18 @@ def test_result_holds_what_was_promised():
     assert 0.0 < result['ms'] <= result['median_ms']
     assert result['scans_per_s'] == pytest.approx(2e3 / result['ms'], rel=1e-2)
     assert result['ns_per_cell'] == pytest.approx(1e6 * result['ms'] / 10, rel=1e-2)
+
+
+def test_every_pose_sample_crosses_the_cells():
+    belief = PoseBelief(Pose2D(0.5, 0.5), np.diag([0.01, 0.01, 0.0]))
+    config = MapperConfig(
+        method='pose_uncertain', resolution=1.0, pose_uncertain=PoseUncertainConfig(samples=7)
+    )
+    result = time_online([Placement(fan(3.0), belief)], config, repeats=1)
+    assert (result['samples'], result['cells']) == (7, 7 * 4)
+    assert result['method'] == 'pose_uncertain'
+    known = time_online([Placement(fan(3.0), PoseBelief(belief.mean))], config, repeats=1)
+    assert (known['samples'], known['cells']) == (1, 4)
 
 
 def test_generated_scene_is_like_the_recorded_one():

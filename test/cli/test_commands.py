@@ -109,6 +109,15 @@ def test_bench_prints_the_promised_json(run_cli, office_bag):
     assert result['bag']['scans'] == 1158
 
 
+def test_bench_with_doubt_about_the_poses(run_cli):
+    done = run_cli(
+        *('bench', 'online', '--repeats', '1', '--method', 'pose_uncertain'),
+        *('--pose-sigma', '0.1', '--yaw-sigma', '0.02', '--pose-uncertain.samples', '5'),
+    )
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)['scene']['samples'] == 5
+
+
 def write_scan_only_bag(path):
     from ogm_mcmc.io import ros_types
     from ogm_mcmc.io.bags import BagWriter
@@ -144,6 +153,9 @@ def write_scan_only_bag(path):
         (['info', 'notes.txt'], 'notes.txt'),
         (['replay', 'nowhere'], 'nowhere: no such file or folder'),
         (['bench', 'online', '--scene', 'notes.txt'], 'expected an NPZ'),
+        (['bench', 'online', '--pose-sigma', '-1'], 'pose_sigma is -1.0'),
+        (['map', '{bag}', '-o', 'out', '--method', 'sonar'], 'no ranges in it'),
+        (['map', '{bag}', '-o', 'out', '--mount.frames', 'a 1'], 'mount.frames'),
         (['simulate', 'moon', '-o', 'out'], 'moon'),
         (['simulate', 'office', '-o', 'out', '--seed', '-1'], 'seed is -1'),
         (['demo', 'nowhere.log'], 'nowhere.log'),

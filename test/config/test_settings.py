@@ -74,6 +74,7 @@ def test_every_setting_says_what_it_means_and_its_bounds(cls):
 def test_defaults_are_what_users_were_told():
     assert flatten(MapperConfig()) == {
         'method': 'two_assumption',
+        'inverse_model': 'step',
         'fusion': 'per_scan',
         'resolution': 0.05,
         'prior': 0.5,
@@ -83,6 +84,22 @@ def test_defaults_are_what_users_were_told():
         'max_cells': 100_000_000,
         'step.l_free': -1.3863,
         'step.l_occ': 1.3863,
+        'gaussian.sigma': 0.03,
+        'gaussian.sigma_growth': 0.0,
+        'gaussian.width': 0.0,
+        'gaussian.l_min': -1.3863,
+        'gaussian.l_max': 1.3863,
+        'pose_uncertain.samples': 100,
+        'pose_uncertain.accuracy': 0.0,
+        'pose_uncertain.negligible': 0.001,
+        'pose_uncertain.draw': 'quasi',
+        'pose_uncertain.seed': 1,
+        'counting.show': 'reflection',
+        'sonar.opening_angle': 0.5,
+        'sonar.sigma_share': 0.5,
+        'sonar.strength': 0.3,
+        'sonar.strength_far': 0.1,
+        'sonar.thickness': 0.1,
     }
     assert flatten(OutputConfig()) == {
         'output': 'probability',

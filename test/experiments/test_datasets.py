@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
@@ -80,6 +81,22 @@ def test_ctrl_c_keeps_what_is_finished(tmp_path):
     results = run_all(tmp_path / 'out', square, work, workers=1)
     assert [result['square'] for result in results.values()] == [0, 1, 4, 9, 16, 25]
     assert len(calls(tmp_path / 'calls')) == before + 6 - len(finished)
+
+
+def test_another_executor(tmp_path):
+    """Two of six fail: what came before is kept, what had not begun never does."""
+    work = tasks(tmp_path / 'calls', 6)
+    for name in ('set2', 'set3'):
+        work[name]['value'] = 'no number'
+    with ThreadPoolExecutor(1) as executor, pytest.raises(TypeError):
+        run_all(tmp_path / 'out', square, work, executor=executor)
+    kept = sorted(path.stem for path in (tmp_path / 'out').iterdir())
+    assert kept[:2] == ['set0', 'set1']
+    work = tasks(tmp_path / 'calls', 6)
+    with ThreadPoolExecutor(2) as executor:
+        results = run_all(tmp_path / 'out', square, work, executor=executor)
+    assert [result['square'] for result in results.values()] == [0, 1, 4, 9, 16, 25]
+    assert '0-1' not in calls(tmp_path / 'calls')
 
 
 def test_how_many_workers(monkeypatch):

@@ -17,6 +17,7 @@ from ogm_mcmc.io.messages import (
     frame_of,
     read_particles,
     read_pose,
+    read_range,
     read_scan,
     stamp_of,
     time_parts,
@@ -235,3 +236,62 @@ def test_fill_grid_update():
     assert (update.header.frame_id, update.header.stamp.sec) == ('map', 1)
     assert update.header.stamp.nanosec == 500_000_000
     assert (update.x, update.y, update.width, update.height) == (2, 1, 6, 10)
+
+
+# -- sonars and weighted particles --------------------------------------------------------------
+
+
+def ranged(reading, shape, **changes):
+    fields = {'field_of_view': 0.5, 'range_min': 0.1, 'range_max': 4.0, **changes}
+    return shape(ros_types.range_reading(5_000_000_007, 'sonar_3', reading, **fields))
+
+
+def test_read_range(shape):
+    scan = read_range(ranged(1.25, shape))
+    assert scan.ranges_m.tolist() == [1.25]
+    assert (scan.range_min_m, scan.range_max_m, scan.beam_width_rad) == (0.1, 4.0, 0.5)
+    assert (scan.stamp_ns, scan.frame_id, scan.angle_min_rad) == (5_000_000_007, 'sonar_3', 0.0)
+
+
+@pytest.mark.parametrize('reading', [4.0, math.inf])
+def test_no_echo(shape, reading):
+    assert read_range(ranged(reading, shape)).ranges_m.tolist() == [math.inf]
+
+
+@pytest.mark.parametrize(
+    ('changes', 'message'),
+    [
+        ({'field_of_view': math.nan}, 'beam width nan'),
+        ({'field_of_view': 3.2}, 'beam width 3.2'),
+        ({'field_of_view': -0.1}, 'beam width -0.1'),
+        ({'range_min': 5.0}, 'range_min 5.0'),
+        ({'range_min': 4.0}, 'both 4: expected a sensor that measures distances'),
+    ],
+)
+def test_ranges_that_contradict_themselves(shape, changes, message):
+    with pytest.raises(ScanError, match=message):
+        read_range(ranged(1.0, shape, **changes))
+
+
+def weighted(*rows):
+    """Make a nav2_msgs/ParticleCloud look-alike of (x, y, weight)."""
+    return SimpleNamespace(
+        particles=[
+            SimpleNamespace(pose=stamped(0.0, 0.0, 0.0, 1.0, (x, y)).pose, weight=weight)
+            for x, y, weight in rows
+        ]
+    )
+
+
+def test_particle_cloud_keeps_its_weights():
+    belief = read_particles(weighted((0.0, 0.0, 3.0), (4.0, 2.0, 1.0)))
+    assert belief.particles.weights.tolist() == [0.75, 0.25]
+    assert (belief.mean.x_m, belief.mean.y_m) == (1.0, 0.5)
+
+
+@pytest.mark.parametrize(
+    'rows', [[], [(0, 0, 0.0)], [(0, 0, -1.0), (0, 1, 2.0)], [(0, 0, math.nan)]]
+)
+def test_particle_clouds_that_are_none(rows):
+    with pytest.raises(PoseError, match=r'particles|weights'):
+        read_particles(weighted(*rows))

@@ -13,14 +13,18 @@ from ogm_mcmc.mapping import METHODS, make_method
 from ogm_mcmc.testing.naive import measured_cells
 from ogm_mcmc.testing.strategies import REPEATABLE, fan, poses, scans
 
+# Methods that take either inverse model.
+BEAM_MODELS = ('two_assumption', 'pose_uncertain')
+
 # Every method in every way it can be configured.
 CONFIGS = [
-    MapperConfig(method=method, fusion=fusion, resolution=0.1)
+    MapperConfig(method=method, fusion=fusion, inverse_model=model, resolution=0.1)
     for method in sorted(METHODS)
-    for fusion in ('per_scan', 'per_beam')
+    for fusion in (('per_scan',) if method == 'sonar' else ('per_scan', 'per_beam'))
+    for model in (('step', 'gaussian') if method in BEAM_MODELS else ('step',))
 ]
 every_method = pytest.mark.parametrize(
-    'config', CONFIGS, ids=[f'{config.method}-{config.fusion}' for config in CONFIGS]
+    'config', CONFIGS, ids=[f'{c.method}-{c.fusion}-{c.inverse_model}' for c in CONFIGS]
 )
 
 # Beside the borders of cells; what happens upon them is in test_memory_safety.py.

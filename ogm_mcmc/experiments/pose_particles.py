@@ -1,0 +1,290 @@
+"""Maps with and without pose uncertainty from real particles ([pose] section VII).
+
+MIT CSAIL, the full output of GMapping: for every scan the thirty particles it believed in at the
+time. The traditional map takes the likeliest particle of each scan, as in [pose] Fig. 5 (a);
+`pose_uncertain` takes all of them with their weights. Both are judged by what neither knew at the
+time: the trajectory of the best particle at the end, loops closed. From it come a benchmark map
+(for ROC curves as in Fig. 4 (a)) and the poses of held-out scans (for the log-likelihood of
+their beams, which needs no benchmark).
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from PIL import Image
+
+from ogm_mcmc.arrays import Float64Array, UInt8Array
+from ogm_mcmc.config import MapperConfig, flatten
+from ogm_mcmc.errors import ConfigError
+from ogm_mcmc.evaluation import (
+    aligned,
+    beam_log_likelihood,
+    brier_score,
+    confusion_counts,
+)
+from ogm_mcmc.experiments.results import row
+from ogm_mcmc.geometry import CellBox, GridMap, Pose2D, PoseBelief, PoseSamples, Scan
+from ogm_mcmc.io.carmen import LogScan, read_carmen
+from ogm_mcmc.io.gmapping import best_trajectory
+from ogm_mcmc.mapping import make_method
+from ogm_mcmc.plotting import Series, curves_png
+
+__all__ = ['run']
+
+LOG = Path('csail') / 'csail.corrected.gfs'
+
+# Readings of a SICK in centimetre mode from here on are codes for "nothing".
+NO_RETURN_M, RANGE_MAX_M = 81.8, 80.0
+
+# Every so many scans one is held out, and left out of all maps.
+HELD_OUT_EVERY = 5
+
+# The judge of held-out beams: a hit with one of these noises, or anything in one beam of ten.
+HIT_SIGMAS_M, CLUTTER = (0.05, 0.1, 0.2), 0.1
+
+STYLES = {'step': '-', 'gaussian': '--'}
+
+CLOSE_UP_M, ENLARGED = 8.0, 5
+
+
+NOTES = [
+    '[pose] uses the Bicocca log of Rawseeds with a stereo FastSLAM and gives curves but no '
+    'numbers, so nothing stands in the column of published values.',
+    'Every fifth scan is left out of all maps and judged where the final trajectory puts it. '
+    'Beams of one scan share cells; standard errors treat scans as independent.',
+    'The benchmark is the traditional map of the final trajectory with the same inverse model.',
+    'Log recorded at MIT CSAIL by Cyrill Stachniss (Radish, CC-BY).',
+]
+
+
+class Believed(NamedTuple):
+    """A scan, the particles of its time, and where it was in the end."""
+
+    scan: Scan
+    particles: PoseSamples
+    known: Pose2D
+
+    @property
+    def likeliest(self) -> Pose2D:
+        """The particle of the greatest weight."""
+        return Pose2D(*map(float, self.particles.poses[int(np.argmax(self.particles.weights))]))
+
+
+def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
+    """Map CSAIL in every way and compare; `seed` has no effect, nothing is drawn."""
+    believed = read_log(data_folder() / LOG)
+    held_out = believed[HELD_OUT_EVERY - 1 :: HELD_OUT_EVERY]
+    mapped = [one for k, one in enumerate(believed) if (k + 1) % HELD_OUT_EVERY]
+    rows, curves, config = [], [], MapperConfig()
+    for model in ('step', 'gaussian'):
+        config = MapperConfig(
+            resolution=0.1 if quick else 0.05, no_return='ignore', inverse_model=model
+        )
+        maps = maps_of(config, mapped)
+        benchmark = maps.pop('final map')
+        found, roc = compare_maps(maps, benchmark, held_out)
+        rows += [{**line, 'what': f'{model}: {line["what"]}'} for line in found]
+        for k, (name, curve) in enumerate(roc):
+            curves.append(Series(f'{name}, {model}', *curve, f'C{k}{STYLES[model]}'))
+        if model == 'step':
+            draw(folder, maps, benchmark, mapped)
+    (folder / 'roc.png').write_bytes(
+        curves_png(curves, 'false positive rate', 'true positive rate', x_limits=(0.0, 0.3))
+    )
+    spread = [math.sqrt(np.trace(one.particles.covariance()[:2, :2])) for one in believed]
+    return {
+        'rows': rows,
+        'pictures': {
+            'roc.png': 'ROC curves against the map of the final trajectory ([pose] Fig. 4 a)',
+            'close-up.png': 'Without (left) and with pose uncertainty, and the final map (right); '
+            'particles in blue ([pose] Fig. 5)',
+            'maps.png': 'The whole floor, in the same order',
+        },
+        'settings': {
+            **flatten(config),
+            'inverse_model': 'step and gaussian',
+            'scans': len(believed),
+            'held_out': len(held_out),
+            'particles': believed[0].particles.weights.size,
+            'clutter': CLUTTER,
+            'median_particle_spread_m': float(np.median(spread)),
+            'largest_particle_spread_m': float(np.max(spread)),
+        },
+        'notes': NOTES,
+    }
+
+
+def maps_of(config: MapperConfig, scans: Sequence[Believed]) -> dict[str, GridMap]:
+    """Map the scans at the likeliest particle, at the mean, at all, and at the final poses."""
+    averaging = replace(config, method='pose_uncertain')
+    return {
+        'likeliest particle': map_of(config, scans, lambda one: PoseBelief(one.likeliest)),
+        'mean pose': map_of(config, scans, lambda one: PoseBelief(one.particles.mean())),
+        'all particles': map_of(
+            averaging, scans, lambda one: PoseBelief(one.particles.mean(), None, one.particles)
+        ),
+        'final map': map_of(config, scans, lambda one: PoseBelief(one.known)),
+    }
+
+
+def compare_maps(
+    maps: dict[str, GridMap], benchmark: GridMap, held_out: Sequence[Believed]
+) -> tuple[list[dict[str, Any]], list[tuple[str, tuple[Float64Array, Float64Array]]]]:
+    """Return the rows of the table and the ROC curves (false, true positive rate) by name."""
+    rows, curves = [], []
+    counted = np.isfinite(benchmark.probability)
+    occupied = benchmark.probability[counted] >= 0.5
+    for name, found in maps.items():
+        probability = np.nan_to_num(aligned(found, benchmark)[counted], nan=0.5)
+        counts = confusion_counts(probability, occupied)
+        curves.append((name, (counts.false_positive_rate(), counts.recall())))
+        rows += [
+            row(f'{name}, ROC area', counts.roc_area()),
+            row(f'{name}, best F1', counts.best().f1),
+            row(f'{name}, Brier score', float(brier_score(probability, occupied))),
+        ]
+    for sigma_m in HIT_SIGMAS_M:
+        by_scan = {
+            name: held_out_likelihood(found, held_out, sigma_m)
+            for name, found in {**maps, 'final map': benchmark}.items()
+        }
+        judge = f'nats per held-out beam, sigma {sigma_m:g} m'
+        rows += [
+            row(f'{name}, {judge}', float(by_scan[name].mean()), None, error_of(by_scan[name]))
+            for name in by_scan
+        ]
+        gain = by_scan['all particles'] - by_scan['likeliest particle']
+        rows.append(row(f'all - likeliest, {judge}', float(gain.mean()), None, error_of(gain)))
+    return rows, curves
+
+
+def data_folder() -> Path:
+    """Return the folder of the recorded logs; raises ConfigError where the log is not in it."""
+    folder = Path(os.environ.get('OGM_MCMC_DATA', '../shared/data'))
+    if not (folder / LOG).is_file():
+        raise ConfigError(
+            f'{folder / LOG}: no such file; expected OGM_MCMC_DATA to name a folder with {LOG}'
+        )
+    return folder
+
+
+def read_log(path: Path) -> list[Believed]:
+    """Read the scans with their particles and where they were in the end."""
+    scans = read_carmen(path).scans
+    return [
+        Believed(as_scan(scan), scan.particles, known)
+        for scan, known in zip(scans, best_trajectory(scans), strict=True)
+        if scan.particles is not None
+    ]
+
+
+def as_scan(logged: LogScan) -> Scan:
+    """Return a line of the log as REP 117 has it."""
+    return Scan.checked(
+        np.where(logged.ranges_m >= NO_RETURN_M, np.inf, logged.ranges_m),
+        angle_min_rad=logged.start_angle_rad,
+        angle_increment_rad=logged.increment_rad,
+        range_min_m=0.0,
+        range_max_m=RANGE_MAX_M,
+    )
+
+
+def map_of(
+    config: MapperConfig, scans: Sequence[Believed], belief: Callable[[Believed], PoseBelief]
+) -> GridMap:
+    """Map scans, each at what is believed of its pose."""
+    method = make_method(config)
+    for one in scans:
+        method.update(one.scan, belief(one))
+    return GridMap(method.spec, method.probabilities(method.spec.box)).cropped()
+
+
+def held_out_likelihood(
+    grid_map: GridMap, held_out: Sequence[Believed], sigma_m: float
+) -> Float64Array:
+    """Mean log-likelihood per beam, nats, of each held-out scan at where it was in the end."""
+
+    def log_density(z_m: Float64Array, f_m: Float64Array) -> Float64Array:
+        """Log p(z | f), nats per metre: a noisy hit, or clutter anywhere in the range."""
+        offset = np.where(np.isfinite(f_m), z_m - f_m, np.inf) / sigma_m
+        hit = np.exp(-0.5 * offset**2) / (sigma_m * math.sqrt(2.0 * math.pi))
+        return np.asarray(np.log((1.0 - CLUTTER) * hit + CLUTTER / RANGE_MAX_M), np.float64)
+
+    means = []
+    for one in held_out:
+        placed = [(one.scan, one.known)]
+        beams = beam_log_likelihood(grid_map, placed, log_density, no_return='ignore')
+        if beams.size:
+            means.append(float(beams.mean()))
+    return np.array(means)
+
+
+def error_of(values: Float64Array) -> str:
+    """Return the standard error of a mean of independent values, as a remark."""
+    return f'standard error {float(values.std(ddof=1) / math.sqrt(values.size)):.4f}'
+
+
+def draw(
+    folder: Path, maps: dict[str, GridMap], benchmark: GridMap, scans: Sequence[Believed]
+) -> None:
+    """Write pictures of the maps with and without the particles, and of the final one."""
+    shown = [maps['likeliest particle'], maps['all particles'], benchmark]
+    whole = benchmark.spec.box
+    side_by_side([colours(one, whole) for one in shown], 1, folder / 'maps.png')
+    doubtful = max(scans, key=lambda one: float(np.trace(one.particles.covariance()[:2, :2])))
+    half = round(0.5 * CLOSE_UP_M / benchmark.spec.resolution_m)
+    column, row_ = benchmark.spec.cell_of(doubtful.known.x_m, doubtful.known.y_m)
+    column, row_ = column + benchmark.spec.column0, row_ + benchmark.spec.row0
+    box = CellBox(column - half, row_ - half, column + half, row_ + half)
+    particles = np.concatenate([one.particles.poses[:, :2] for one in scans])
+    tiles = [dotted(colours(one, box), box, one, particles) for one in shown[:2]]
+    known = np.array([(one.known.x_m, one.known.y_m) for one in scans])
+    tiles.append(dotted(colours(benchmark, box), box, benchmark, known))
+    side_by_side(tiles, 1, folder / 'close-up.png')
+
+
+def colours(grid_map: GridMap, box: CellBox) -> UInt8Array:
+    """Return (height, width, 3) of a box: black occupied, white free, bluish grey unknown."""
+    pixels = np.empty((box.row1 - box.row0, box.column1 - box.column0, 3), np.uint8)
+    pixels[:] = (190, 198, 208)
+    spec = grid_map.spec
+    left, right = max(box.column0, spec.box.column0), min(box.column1, spec.box.column1)
+    bottom, top = max(box.row0, spec.box.row0), min(box.row1, spec.box.row1)
+    probability = grid_map.probability[spec.slices(CellBox(left, bottom, right, top))]
+    shade = np.rint(255.0 * (1.0 - np.nan_to_num(probability))).astype(np.uint8)
+    part = pixels[bottom - box.row0 : top - box.row0, left - box.column0 : right - box.column0]
+    measured = np.isfinite(probability)
+    part[measured] = shade[measured][:, None]
+    return pixels
+
+
+def dotted(
+    pixels: UInt8Array, box: CellBox, grid_map: GridMap, places: Float64Array
+) -> UInt8Array:
+    """Enlarge a picture and put a blue dot at each place (N, 2), m, inside."""
+    spec = grid_map.spec
+    large = np.repeat(np.repeat(pixels, ENLARGED, axis=0), ENLARGED, axis=1)
+    across = (places[:, 0] - spec.anchor_x_m) / spec.resolution_m - box.column0
+    upwards = (places[:, 1] - spec.anchor_y_m) / spec.resolution_m - box.row0
+    columns, rows = (np.floor(v * ENLARGED).astype(int) for v in (across, upwards))
+    inside = (columns >= 0) & (columns < large.shape[1] - 1)
+    inside &= (rows >= 0) & (rows < large.shape[0] - 1)
+    for dx in (0, 1):
+        for dy in (0, 1):
+            large[rows[inside] + dy, columns[inside] + dx] = (30, 80, 220)
+    return large
+
+
+def side_by_side(tiles: Sequence[UInt8Array], gap: int, path: Path) -> None:
+    """Write pictures of one height beside each other, highest y on top."""
+    rule = np.full((tiles[0].shape[0], 4 * gap, 3), 255, np.uint8)
+    parts = [part for tile in tiles for part in (tile, rule)][:-1]
+    picture = np.ascontiguousarray(np.concatenate(parts, axis=1)[::-1])
+    Image.fromarray(picture).save(path, format='PNG', optimize=True)

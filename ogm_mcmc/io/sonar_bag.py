@@ -1,0 +1,46 @@
+"""Sonar readings with known poses -> rosbag2."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+from ogm_mcmc.geometry import Pose2D, Scan
+from ogm_mcmc.io import ros_types
+from ogm_mcmc.io.bags import BagWriter
+
+__all__ = ['write_sonar_recording']
+
+
+def write_sonar_recording(
+    path: Path,
+    readings: Iterable[tuple[Scan, Pose2D]],
+    *,
+    topic: str = '/range',
+    overwrite: bool = False,
+) -> int:
+    """Write `range` and the robot's known `pose` for each reading; return their number.
+
+    `readings` are scans of one cone and the pose of the robot. Readings of one stamp share a pose.
+    """
+    count, last_ns = 0, -1
+    with BagWriter(path, overwrite=overwrite) as bag:
+        for scan, robot in readings:
+            stamp = scan.stamp_ns
+            if stamp != last_ns:
+                known = ros_types.pose_with_covariance(stamp, 'map', robot, np.zeros((3, 3)))
+                bag.write('/pose', ros_types.POSE, stamp, known)
+                last_ns = stamp
+            message = ros_types.range_reading(
+                stamp,
+                scan.frame_id,
+                float(scan.ranges_m[0]),
+                field_of_view=scan.beam_width_rad,
+                range_min=scan.range_min_m,
+                range_max=scan.range_max_m,
+            )
+            bag.write(topic, ros_types.RANGE, stamp, message)
+            count += 1
+    return count

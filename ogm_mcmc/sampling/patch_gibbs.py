@@ -1,0 +1,145 @@
+"""Gibbs sampling of patches of cells, with a prior learned from maps ([patch] Algorithm 1).
+
+Design note: sampling with a table that lists a few patterns
+------------------------------------------------------------
+Context. Given its border, a patch has one or a few probable patterns; the table gives all others
+one small probability each, the floor. Looking at all 512 at every draw would cost more than
+everything else; leaving them out would make them impossible, and [patch] gets around that with
+patches set at random (p_randPatch), which does not leave the posterior invariant.
+
+Decision. A draw comes from the listed patterns alone, if the present one is among them, and
+leaves the patch as it is otherwise: that is Gibbs sampling of a block, given that it is (or is
+not) in the list. A share `escape` of the draws looks at one pattern more: with r drawn evenly
+from the M unlisted ones while the present pattern is listed, and r the present pattern while it
+is not, (pattern, r) has the joint distribution in which, given r, a listed pattern x weighs
+p(x | border) p(z | x) and r weighs M p(r | border) p(z | r). Drawing from these is exact, and
+reaches everything. `escape` is 1 during burn-in, so that a bad start is left at once.
+A patch with one candidate touches no ray in all other draws.
+
+Consequence. For priors that are one joint distribution (uniform) the posterior is invariant, and
+a test shows pi P = pi. Conditionals of overlapping patches that were counted one by one (border,
+patch) need not agree on one joint distribution; there the result is that of the procedure.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.random import Generator
+
+from ogm_mcmc.arrays import AnyArray, UInt8Array
+from ogm_mcmc.errors import GridError, WindowError, require
+from ogm_mcmc.sampling.cell_gibbs import GibbsState
+from ogm_mcmc.sampling.gibbs_kernels import find_first_hits
+from ogm_mcmc.sampling.patch_gibbs_kernels import sweep_patches
+from ogm_mcmc.sampling.patch_patterns import ring_cells
+from ogm_mcmc.sampling.patch_prior import PatchTable
+from ogm_mcmc.sampling.ray_index import RayIndex
+
+__all__ = ['PATCH_ORDERS', 'PatchModel']
+
+PATCH_ORDERS = ('tiled', 'random')
+
+
+class PatchModel:
+    """A window of rays and a prior over patches; the cells at its rim stay as they start.
+
+    One sweep draws K / L patches: `tiled`, side by side from a random offset, so that every cell
+    comes once; `random`, anywhere, as [patch] has it.
+    """
+
+    def __init__(
+        self,
+        index: RayIndex,
+        width: int,
+        table: PatchTable,
+        *,
+        order: str = 'tiled',
+        escape: float = 0.02,
+        random_share: float = 0.0,
+    ) -> None:
+        require(order in PATCH_ORDERS, 'order', order, f'one of {", ".join(PATCH_ORDERS)}')
+        self.index, self.width, self.table = index, width, table
+        self.order, self.escape, self.random_share = order, escape, random_share
+        self.height = index.n_cells // width
+        side = table.side
+        if min(self.height, width) < side + 2:
+            raise WindowError(
+                f'window of {width} x {self.height} cells: expected at least {side + 2} x '
+                f'{side + 2} for patches of {side} x {side} and their border'
+            )
+        cells = np.arange(index.n_cells, dtype=np.int32).reshape(self.height, width)
+        self.touched: AnyArray = np.ascontiguousarray(cells[1:-1, 1:-1]).reshape(-1)
+        # Lower left cells of all patches whose border lies inside.
+        self._corners = np.ascontiguousarray(cells[1:-side, 1:-side])
+        places = np.indices((side, side)).reshape(2, -1)
+        self._inner = (places[0] * width + places[1]).astype(np.int64)
+        ring = ring_cells(side).astype(np.int64)
+        self._ring = ring[:, 0] * width + ring[:, 1]
+
+    @property
+    def n_cells(self) -> int:
+        """K."""
+        return self.index.n_cells
+
+    def start(self, cells: UInt8Array) -> GibbsState:
+        """Return the state of a map (K,). Raises GridError when it is of another size."""
+        if cells.shape != (self.n_cells,):
+            raise GridError(
+                f'start map of {cells.size} cells: expected the {self.n_cells} of the window'
+            )
+        mine = (cells != 0).astype(np.uint8)
+        records = np.empty((self.index.n_rays, 2), np.int32)
+        find_first_hits(mine, self.index, records)
+        return GibbsState(mine, records)
+
+    def advance(self, rng: Generator, state: GibbsState, *, settling: bool = False) -> int:
+        """Draw K / L patches in place; return the number of flipped cells."""
+        index, table = self.index, self.table
+        return int(
+            sweep_patches(
+                rng,
+                self._order(rng),
+                table.side,
+                self.width,
+                self._inner,
+                self._ring,
+                self._escape(settling),
+                self.random_share,
+                table.entry_of_border,
+                table.start,
+                table.candidates,
+                table.log_probability,
+                table.floor,
+                state.cells,
+                state.records,
+                state.records.view(np.float32),
+                index.cell_start,
+                index.pairs,
+                index.pairs.view(np.float32),
+                index.positions,
+                index.ray_start,
+                index.steps,
+                index.across,
+                index.up,
+                index.ray_likelihood,
+                index.nothing,
+            )
+        )
+
+    def _escape(self, settling: bool) -> float:
+        if self.random_share > 0.0:
+            return 0.0
+        return 1.0 if settling else self.escape
+
+    def _order(self, rng: Generator) -> AnyArray:
+        side = self.table.side
+        if self.order == 'random':
+            count = max(1, self._corners.size // side**2)
+            return rng.choice(self._corners.reshape(-1), count)
+        row, column = rng.integers(0, side, 2)
+        tiles: AnyArray = self._corners[row::side, column::side].reshape(-1)
+        return np.ascontiguousarray(tiles)
+
+    def log_likelihood(self, state: GibbsState) -> float:
+        """Log p(z | m, x), nats."""
+        return float(state.records.view(np.float32)[:, 1].sum(dtype=np.float64))

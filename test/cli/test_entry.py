@@ -1,0 +1,42 @@
+"""Ctrl-C where Python cannot raise: inside a callback from C, as when Numba compiles."""
+
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+
+CALLBACK = """
+import ctypes, os, sys, time
+from ogm_mcmc.cli import entry, main
+
+def run(argv=None):
+    @ctypes.CFUNCTYPE(None)
+    def callback():
+        os.kill(os.getpid(), {signal})
+        time.sleep(0)
+    {install}
+    callback()
+    time.sleep(5.0)
+    return 0
+
+main.run = run
+entry.main()
+"""
+
+
+@pytest.mark.parametrize(('how', 'code'), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_stop_inside_a_callback_is_not_lost_and_not_loud(how, code):
+    install = 'pass'
+    if how == signal.SIGTERM:
+        install = 'import signal; signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))'
+    done = subprocess.run(
+        [sys.executable, '-c', CALLBACK.format(signal=int(how), install=install)],
+        env=dict(os.environ),
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert done.returncode == code, done.stderr
+    assert done.stderr == ''

@@ -1,0 +1,162 @@
+"""Beliefs as samples: moments, singular and wrapped beliefs, how many are enough."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ogm_mcmc.geometry import Pose2D, PoseBelief, PoseSamples
+from ogm_mcmc.geometry.pose_sampling import (
+    draw_gaussian,
+    merged,
+    quasi_normals,
+    random_normals,
+    samples_for_accuracy,
+    samples_of,
+    spread_of,
+)
+from ogm_mcmc.testing.strategies import REPEATABLE
+
+approx = pytest.approx
+
+TURNED = np.array([[0.04, 0.01, 0.002], [0.01, 0.02, -0.001], [0.002, -0.001, 0.01]])
+
+
+def rng():
+    return np.random.default_rng(7)
+
+
+@given(st.lists(st.floats(-2.0, 2.0), min_size=9, max_size=9))
+@REPEATABLE
+def test_spread_times_its_transpose_is_the_covariance(entries):
+    root = np.array(entries).reshape(3, 3)
+    covariance = root @ root.T
+    spread = spread_of(covariance)
+    scale = max(1.0, float(np.abs(covariance).max()))
+    assert spread @ spread.T == approx(covariance, abs=1e-9 * scale)
+
+
+@pytest.mark.parametrize('normals', [random_normals, quasi_normals])
+def test_moments_of_the_draws(normals):
+    """Standard errors at 20 000 independent draws; the quasi-random ones are far better."""
+    mean, count = Pose2D(3.0, -2.0, 0.5), 20_000
+    samples = draw_gaussian(mean, TURNED, count, rng(), normals)
+    assert samples.weights == approx(np.full(count, 1.0 / count))
+    errors = samples.poses.mean(axis=0) - (3.0, -2.0, 0.5)
+    allowed = 4.0 if normals is random_normals else 1.0
+    assert np.abs(errors) == approx(0.0, abs=allowed * math.sqrt(0.04 / count))
+    assert np.cov(samples.poses.T) == approx(TURNED, abs=allowed * 0.06 / math.sqrt(count))
+
+
+def test_quasi_random_draws_need_fewer():
+    """Mean error of the mean over 200 clouds of 50: random draws would take twice as many."""
+
+    def error(normals):
+        generator = rng()
+        clouds = (draw_gaussian(Pose2D(), TURNED, 50, generator, normals) for _ in range(200))
+        return np.mean([np.abs(cloud.poses.mean(axis=0)).max() for cloud in clouds])
+
+    assert error(quasi_normals) < error(random_normals) / math.sqrt(2.0)
+
+
+def test_quasi_random_draws_are_normal_in_each_direction():
+    """Kolmogorov's distance of 1000 evenly spread points is far below that of random ones."""
+    points = np.sort(quasi_normals(rng(), 1000), axis=0)
+    shares = 0.5 * np.vectorize(math.erfc)(-points / math.sqrt(2.0))
+    steps = (np.arange(1000) + 0.5)[:, None] / 1000
+    assert np.abs(shares - steps).max() < 0.005
+
+
+@pytest.mark.parametrize('quasi', [False, True])
+def test_a_singular_belief_stays_in_its_directions(quasi):
+    """A robot on rails: only the way along the diagonal is uncertain."""
+    covariance = np.array([[1.0, 1.0, 0.0], [1.0, 1.0, 0.0], [0.0, 0.0, 0.0]]) * 0.09
+    belief = PoseBelief(Pose2D(1.0, 2.0, 0.3), covariance)
+    poses = samples_of(belief, rng(), count=200, quasi=quasi).poses
+    assert poses[:, 0] - 1.0 == approx(poses[:, 1] - 2.0, abs=1e-9)
+    assert poses[:, 2] == approx(0.3, abs=1e-9)
+    assert poses[:, 0].std() == approx(0.3, rel=0.2)
+
+
+def test_rounding_below_zero_is_no_spread():
+    samples = draw_gaussian(Pose2D(), np.diag([1.0, 0.0, -1e-12]), 50, rng())
+    assert np.isfinite(samples.poses).all()
+    assert np.abs(samples.poses[:, 1:]).max() == 0.0
+
+
+def test_yaw_wraps():
+    belief = PoseBelief(Pose2D(0.0, 0.0, math.pi - 0.01), np.diag([0.0, 0.0, 0.04]))
+    samples = samples_of(belief, rng(), count=500, quasi=True)
+    yaw = samples.poses[:, 2]
+    assert yaw.min() >= -math.pi
+    assert yaw.max() < math.pi
+    assert (yaw > 0).any()
+    assert (yaw < 0).any()
+    assert samples.mean().yaw_rad == approx(math.pi - 0.01, abs=0.02)
+
+
+@pytest.mark.parametrize('covariance', [None, np.zeros((3, 3))])
+def test_a_known_pose_is_one_sample(covariance):
+    samples = samples_of(PoseBelief(Pose2D(1, 2, 3), covariance), rng(), count=9, quasi=True)
+    assert samples.poses.tolist() == [[1.0, 2.0, 3.0]]
+    assert samples.weights.tolist() == [1.0]
+
+
+def test_particles_are_used_as_they_are_and_copies_joined():
+    cloud = PoseSamples.checked(
+        [[1.0, 0.0, 0.0], [0.0, 0.0, 0.5], [1.0, 0.0, 0.0], [9.0, 9.0, 0.0]], [0.1, 0.6, 0.3, 0.0]
+    )
+    belief = PoseBelief(cloud.mean(), cloud.covariance(), cloud)
+    samples = samples_of(belief, rng(), count=3, quasi=True)
+    found = {tuple(p): w for p, w in zip(samples.poses.tolist(), samples.weights, strict=True)}
+    assert found == {(0.0, 0.0, 0.5): approx(0.6), (1.0, 0.0, 0.0): approx(0.4)}
+
+
+def test_particles_of_next_to_no_weight_are_left_out():
+    poses, weights = np.arange(15.0).reshape(5, 3), np.array([0.5, 4e-4, 0.4993, 3e-4, 0.0])
+    whole = merged(PoseSamples(poses, weights))
+    assert whole.poses[:, 0].tolist() == [0.0, 3.0, 6.0, 9.0]
+    fewer = merged(PoseSamples(poses, weights), 5e-4)
+    assert fewer.poses[:, 0].tolist() == [0.0, 3.0, 6.0]
+    assert fewer.weights == approx(np.array([0.5, 4e-4, 0.4993]) / 0.9997)
+    fewest = merged(PoseSamples(poses, weights), 7.1e-4)
+    assert fewest.poses[:, 0].tolist() == [0.0, 6.0]
+    one = merged(PoseSamples(poses[:2], np.array([1.0 - 1e-9, 1e-9])), 1e-3)
+    assert (one.poses.tolist(), one.weights.tolist()) == ([[0.0, 1.0, 2.0]], [1.0])
+
+
+def test_a_cloud_of_one_place_is_a_known_pose():
+    cloud = PoseSamples.checked(np.tile([1.0, 2.0, 0.5], (30, 1)))
+    samples = merged(cloud)
+    assert samples.weights.tolist() == [1.0]
+    assert samples.poses.tolist() == [[1.0, 2.0, 0.5]]
+
+
+def test_number_of_draws_on_paper():
+    """(1.96 * 0.5 / 0.1)^2 = 96.04; the variance is 0.09 + (4 m)^2 * 0.01 = 0.25."""
+    covariance = np.diag([0.09, 0.04, 0.01])
+    assert samples_for_accuracy(covariance, 4.0, 0.1) == 97
+    assert samples_for_accuracy(np.zeros((3, 3)), 4.0, 0.1) == 1
+
+
+def test_that_many_draws_are_as_accurate_as_promised():
+    """In 95 of 100 clouds the mean is within the accuracy: 1000 clouds, four standard errors."""
+    covariance, accuracy = np.diag([0.25, 0.0, 0.0]), 0.1
+    count = samples_for_accuracy(covariance, 0.0, accuracy)
+    generator = rng()
+    means = [
+        draw_gaussian(Pose2D(), covariance, count, generator).poses[:, 0].mean()
+        for _ in range(1000)
+    ]
+    inside = np.mean(np.abs(means) <= accuracy)
+    assert inside == approx(0.95, abs=4.0 * math.sqrt(0.95 * 0.05 / 1000))
+
+
+def test_accuracy_never_takes_more_than_the_number_of_samples():
+    belief = PoseBelief(Pose2D(), np.diag([1.0, 1.0, 0.1]))
+    few = samples_of(belief, rng(), count=500, quasi=True, accuracy_m=0.5, lever_m=1.0)
+    capped = samples_of(belief, rng(), count=50, quasi=True, accuracy_m=0.01, lever_m=1.0)
+    assert few.weights.size == samples_for_accuracy(belief.covariance, 1.0, 0.5) < 20
+    assert capped.weights.size == 50
