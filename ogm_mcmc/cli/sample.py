@@ -122,7 +122,7 @@ def run(options: argparse.Namespace) -> int:
         maps = _draw(refinement, options, interrupted)
     result = {
         **_read(options, bag),
-        **_sampled(refinement, progress, resumed, len(recording)),
+        **_sampled(refinement, progress, chosen.stop, resumed, len(recording)),
         'seconds': round(time.perf_counter() - started, 3),
         'settings': _settings(options, chosen),
     }
@@ -212,7 +212,7 @@ def _read(options: argparse.Namespace, bag: BagScans) -> dict[str, Any]:
 
 
 def _sampled(
-    refinement: Refinement, progress: Progress, resumed: int, scans_used: int
+    refinement: Refinement, progress: Progress, stop: StopConfig, resumed: int, scans_used: int
 ) -> dict[str, Any]:
     sampler, index = refinement.sampler, refinement.window.index
     assert sampler is not None
@@ -231,6 +231,7 @@ def _sampled(
         'cells': int(sampler.model.touched.size),
         'undecided_cells': None if quality is None else quality.summary()['undecided_cells'],
         **figures,
+        'agreeing_share': progress.agreeing_share if stop.r_hat > 0.0 else None,
         'resumed_at': resumed,
         'sampling_seconds': round(progress.seconds, 3),
     }
@@ -238,11 +239,13 @@ def _sampled(
 
 def _text(result: dict[str, Any]) -> str:
     r_hat = 'unknown' if result['r_hat_p99'] is None else f'{result["r_hat_p99"]:.3f}'
+    share = result['agreeing_share']
+    agreeing = '' if share is None else f', {100.0 * share:.1f} % agree'
     dropped = ', '.join(f'{count} {reason}' for reason, count in result['dropped'].items())
+    early = '' if result['counted'] else ' before the end of the burn-in: no posterior mean yet'
     return (
         f'{result["scans_used"]} of {result["scans"]} scans, {result["rays"]} rays -> '
-        f'{result["files"]["yaml"]}: {result["counted"]} sweeps counted of each chain, '
-        f'{result["sweeps_per_s"]:.1f}/s, R-hat {r_hat} (99 %), '
-        f'{100.0 * result["agreeing_share"]:.1f} % of {result["cells"]} cells agree; '
-        f'stopped: {result["reason"]}' + (f'; dropped: {dropped}' if dropped else '')
+        f'{result["files"]["yaml"]}: {result["cells"]} cells, {result["counted"]} sweeps counted '
+        f'of each chain, {result["sweeps_per_s"]:.1f}/s, R-hat {r_hat} (99 %){agreeing}; '
+        f'stopped: {result["reason"]}{early}' + (f'; dropped: {dropped}' if dropped else '')
     )

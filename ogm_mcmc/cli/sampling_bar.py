@@ -53,7 +53,9 @@ def status(progress: Progress, stop: StopConfig, done: int) -> str:
     left = stop.max_time - progress.seconds
     if progress.sweeps_per_s > 0.0:
         left = min(left, (stop.max_sweeps - done) / progress.sweeps_per_s)
+    # Without a rule for R-hat there is no limit below which chains would agree.
+    share = f', {100.0 * progress.agreeing_share:.1f} % agree' if stop.r_hat > 0.0 else ''
     return (
-        f'{progress.sweeps_per_s:.1f} sweeps/s, R-hat {progress.r_hat_p99:.3f} (99 %), '
-        f'{100.0 * progress.agreeing_share:.1f} % agree, at most {max(left, 0.0):.0f} s left'
+        f'{progress.sweeps_per_s:.1f} sweeps/s, R-hat {progress.r_hat_p99:.3f} (99 %){share}, '
+        f'at most {max(left, 0.0):.0f} s left'
     )

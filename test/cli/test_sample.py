@@ -54,6 +54,7 @@ def test_all_files_tell_the_same(sample, tmp_path):
         mean, mcse, r_hat = data['probability'], data['mcse'], data['r_hat']
         assert yaml.safe_load(str(data['settings'])) == result['settings']
     assert result['settings']['chain.seed'] == 1
+    assert result['agreeing_share'] is None  # there is no rule to agree by
     touched = np.isfinite(mean)
     assert touched.sum() == result['cells'] > 1000
     assert mean.shape == mcse.shape == r_hat.shape == (result['height'], result['width'])
@@ -214,6 +215,14 @@ def test_a_bag_that_says_nothing(tmp_path, capsys):
     assert list((tmp_path / 'out').iterdir()) == []
 
 
+def test_an_end_before_the_burn_in_is_said(sample, office_bag, capsys):
+    result = sample('-o', 'out', *COARSE, '--burn-in', '1000', '--max-time', '0.05')
+    assert (result['reason'], result['counted'], result['r_hat_p99']) == ('time', 0, None)
+    arguments = ['-o', 'out', *COARSE[:-1], '--burn-in', '1000', '--max-time', '0.05']
+    assert run(['sample', str(office_bag), *arguments]) == 0
+    assert 'before the end of the burn-in: no posterior mean yet' in capsys.readouterr().out
+
+
 def test_what_the_bar_says():
     progress = Progress(300, 250, 10.0, 20.0, 0.985, 1.034, 90.0, 0.01, -5.0)
     # 200 sweeps were done in this run: 100 are left, 5 s; there would be time for 50 s.
@@ -222,6 +231,7 @@ def test_what_the_bar_says():
         '20.0 sweeps/s, R-hat 1.034 (99 %), 98.5 % agree, at most 5 s left'
     )
     assert status(progress, StopConfig(max_sweeps=300, max_time=12.0), 200).endswith('2 s left')
+    assert 'agree' not in status(progress, StopConfig(r_hat=0.0), 200)
 
 
 def test_short_names_are_all_different():
@@ -233,10 +243,12 @@ def test_short_names_are_all_different():
 
 def test_as_a_user_runs_it(run_cli, office_bag, tmp_path):
     """From a shell, with a person's output; a wrong bag says so before anything else."""
-    done = run_cli('sample', office_bag, '-o', 'out', *FEW[:-2], '--r-hat', '1.2', '--name', 'm')
+    few = [option for option in FEW[:-2] if option != '--json']
+    done = run_cli('sample', office_bag, '-o', 'out', *few, '--r-hat', '1.2', '--name', 'm')
     assert done.returncode == 0, done.stderr
     assert 'Traceback' not in done.stderr
     assert (tmp_path / 'out' / 'm.yaml').exists()
+    assert '% agree; stopped: ' in done.stdout
     done = run_cli('sample', 'nowhere', '-o', 'there')
     assert done.returncode == 2
     assert 'nowhere: no such file or folder' in done.stderr
