@@ -26,6 +26,8 @@ from typing import Any, Protocol
 from ogm_mcmc.experiments import (
     adaptive,
     counting,
+    gibbs_1d,
+    patch_mutual_information,
     patch_sim_traditional,
     pose_particles,
     random_field,
@@ -47,6 +49,8 @@ class Run(Protocol):
 EXPERIMENTS: dict[str, Run] = {
     'adaptive': adaptive.run,
     'counting': counting.run,
+    'gibbs-1d': gibbs_1d.run,
+    'patch-mutual-information': patch_mutual_information.run,
     'patch-sim-traditional': patch_sim_traditional.run,
     'pose-particles': pose_particles.run,
     'random-field': random_field.run,
