@@ -14,6 +14,7 @@ import operator
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,6 +23,7 @@ import numpy as np
 from ogm_mcmc.arrays import Float32Array, UInt8Array
 from ogm_mcmc.config import (
     MapperConfig,
+    PatchConfig,
     SamplerConfig,
     StopConfig,
     WindowConfig,
@@ -91,6 +93,7 @@ class Refinement:
     """The posterior of a set of scans, sampled for as long as there is time.
 
     Deterministic for a seed: how long a round takes changes when it stops, never what it draws.
+    `prior` is the probability of being occupied of a cell of which nothing is known.
     """
 
     def __init__(self, config: SamplerConfig) -> None:
@@ -98,7 +101,9 @@ class Refinement:
         self._taken: list[Placement] = []
         self._times_taken = 0
         self.window = self._empty_window()
-        self._table = _patch_table(config)
+        self._table, self.prior = _patch_prior(
+            config.patch, config.chain.prior, config.window.resolution
+        )
         self.sampler: PosteriorSampler | None = None
         self.quality: ChainQuality | None = None
         self._summary: dict[str, float] | None = None
@@ -307,6 +312,12 @@ class Refinement:
         whole[self.sampler.model.touched] = values
         return GridMap(spec, whole.reshape(spec.height, spec.width))
 
+    @property
+    def draws(self) -> int:
+        """Maps of all chains that the posterior mean is the mean of."""
+        assert self.sampler is not None
+        return max(self.sampler.counted, 1) * len(self.sampler.states)
+
     def settings(self) -> dict[str, Any]:
         """Return what decided the samples: results carry it."""
         return {**flatten(self.config), 'scans': len(self._taken)}
@@ -346,16 +357,19 @@ def live_map(scans: Sequence[Placement], window: WindowConfig) -> GridMap:
     return GridMap(mapper.spec, mapper.probabilities(mapper.spec.box))
 
 
-def _patch_table(config: SamplerConfig) -> PatchTable | None:
-    """Return the table of the prior, None for independent cells drawn one by one."""
-    patch = config.patch
+@lru_cache(maxsize=4)
+def _patch_prior(
+    patch: PatchConfig, cell_prior: float, resolution_m: float
+) -> tuple[PatchTable | None, float]:
+    """Return the table, None for single independent cells, and how often a cell is occupied."""
     if patch.single_cells:
-        return None
+        return None, cell_prior
     if patch.prior == 'uniform':
-        return make_table('uniform', patch.size, p_occupied=config.chain.prior)
+        return make_table('uniform', patch.size, p_occupied=cell_prior), cell_prior
     path = Path(patch.file).expanduser() if patch.file else default_prior_file()
-    counts = load_prior(path, config.window.resolution).counts
-    return make_table(patch.prior, patch.size, counts)
+    counts = load_prior(path, resolution_m).counts
+    share = float(counts.cells[1] / counts.cells.sum())
+    return make_table(patch.prior, patch.size, counts), share
 
 
 def _cells_on(spec: GridSpec, grid: GridMap, threshold: float, elsewhere: float) -> UInt8Array:

@@ -26,7 +26,9 @@ from typing import Any, Protocol
 from ogm_mcmc.experiments import (
     adaptive,
     counting,
+    gibbs_1d,
     gibbs_2d,
+    patch_mutual_information,
     patch_sim,
     pose_particles,
     pose_sim,
@@ -49,7 +51,9 @@ class Run(Protocol):
 EXPERIMENTS: dict[str, Run] = {
     'adaptive': adaptive.run,
     'counting': counting.run,
+    'gibbs-1d': gibbs_1d.run,
     'gibbs-2d': gibbs_2d.run,
+    'patch-mutual-information': patch_mutual_information.run,
     'patch-sim': patch_sim.run,
     'pose-particles': pose_particles.run,
     'pose-sim': pose_sim.run,
