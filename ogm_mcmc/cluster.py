@@ -42,7 +42,7 @@ from ogm_mcmc.refinement import Progress, Refinement
 from ogm_mcmc.sampling import PosteriorModel, PosteriorSampler
 from ogm_mcmc.sampling.diagnostics import BatchCounts
 
-__all__ = ['ChainState', 'advance_chain', 'connected', 'sample_chains']
+__all__ = ['ChainState', 'advance_chain', 'connected', 'distribute', 'sample_chains']
 
 ANSWER_S = 10.0
 WORKERS_S = 30.0
@@ -52,12 +52,15 @@ RETRIES = 3
 
 
 @contextmanager
-def connected(address: str) -> Iterator[Executor]:
-    """Give the workers of a Dask scheduler as an executor.
+def connected(address: str) -> Iterator[Executor | None]:
+    """Give the workers of a Dask scheduler as an executor; None without an address.
 
     Raises ConfigError where `distributed` is not installed, and ClusterError when the scheduler
     does not answer, has no workers, they run another version, or tasks were lost for good.
     """
+    if not address:
+        yield None
+        return
     try:
         from distributed import Client, KilledWorker
         from distributed.comm import CommClosedError
@@ -139,17 +142,22 @@ def sample_chains(
     executor: Executor,
     cancelled: Callable[[], bool] = lambda: False,
 ) -> Iterator[Progress]:
-    """Do what `refinement.run` does with every chain on a worker of its own.
+    """Do what `refinement.run` does with every chain on a worker of its own; see `distribute`."""
+    distribute(refinement, scans, executor)
+    return refinement.run(stop, cancelled)
+
+
+def distribute(refinement: Refinement, scans: Sequence[Placement], executor: Executor) -> None:
+    """Let the chains of a refinement be advanced by an executor from now on.
 
     `scans` are those that the refinement took. Counts come back after every round: R-hat, map
-    and state of the refinement are of all chains.
+    and state of the refinement are of all chains. New scans end it: `take` makes local chains.
     """
     here = refinement.sampler
     if here is None:
         raise WindowError('no scan was taken: nothing to sample')
     problem = _problem(refinement.config, scans, here.model)
     refinement.sampler = _DistantSampler(here, problem, executor)
-    return refinement.run(stop, cancelled)
 
 
 class _DistantSampler(PosteriorSampler):

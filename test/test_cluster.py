@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from ogm_mcmc import cluster, experiments
+from ogm_mcmc.cli import sample as sample_command
 from ogm_mcmc.cli.main import run
 from ogm_mcmc.cluster import connected, sample_chains
 from ogm_mcmc.config import (
@@ -188,6 +189,31 @@ def test_experiment_on_a_cluster(dask_cluster, tmp_path, monkeypatch, capsys):
     (tmp_path / 'out' / 'sets' / 'one.json').unlink()
     assert run(arguments) == 0
     assert found['one']['process'] == os.getpid()
+
+
+@pytest.mark.jit
+def test_sample_on_a_cluster(dask_cluster, office_bag, tmp_path, capsys, monkeypatch):
+    """With --state, in two runs: here, then on the cluster; as if all had been done here."""
+    few = ('--resolution', '0.2', '--beam-stride', '12', '--burn-in', '16', '--r-hat', '0')
+    there = ('--scheduler', dask_cluster.scheduler_address)
+    shared = []
+    real = cluster.distribute
+    monkeypatch.setattr(sample_command, 'distribute', lambda *a: shared.append(a) or real(*a))
+
+    def sample(name, *options):
+        arguments = ['sample', str(office_bag), '-o', str(tmp_path / name), *few, *options]
+        assert run(arguments) == 0
+        capsys.readouterr()
+        with np.load(tmp_path / name / 'map.npz') as data:
+            return data['probability'], data['r_hat']
+
+    whole = sample('whole', '--max-sweeps', '90')
+    state = ('--state', str(tmp_path / 'state'))
+    sample('first', *state, '--max-sweeps', '40')
+    parts = sample('parts', *state, '--max-sweeps', '50', *there)
+    assert len(shared) == 1
+    for one, other in zip(whole, parts, strict=True):
+        assert np.array_equal(one, other, equal_nan=True)
 
 
 def test_no_scheduler(monkeypatch, tmp_path, capsys):

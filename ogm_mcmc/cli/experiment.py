@@ -5,8 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -49,7 +47,7 @@ def run(options: argparse.Namespace) -> int:
         if path.is_dir():
             raise OutputError(f'{path}: is a folder; expected a name for a file')
     started = time.perf_counter()
-    with _workers(options.scheduler):
+    with connected(options.scheduler) as executor, using_executor(executor):
         found = EXPERIMENTS[options.name](folder, quick=options.quick, seed=options.seed)
     result: dict[str, Any] = {
         'name': options.name,
@@ -65,13 +63,3 @@ def run(options: argparse.Namespace) -> int:
         html_file.write_text(page.html(), encoding='utf-8')
     print_result(options, result, f'{table_text(result)}\n{paths["html"]}')
     return 0
-
-
-@contextmanager
-def _workers(scheduler: str) -> Iterator[None]:
-    """Send data sets to a cluster if there is one, else to local processes."""
-    if not scheduler:
-        yield
-        return
-    with connected(scheduler) as executor, using_executor(executor):
-        yield

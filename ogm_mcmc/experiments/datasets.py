@@ -39,8 +39,8 @@ _executor: ContextVar[Executor | None] = ContextVar('executor', default=None)
 
 
 @contextmanager
-def using_executor(executor: Executor) -> Iterator[None]:
-    """Let `run_all` send data sets to an executor, whoever calls it inside."""
+def using_executor(executor: Executor | None) -> Iterator[None]:
+    """Let `run_all` send data sets to an executor, whoever calls it inside; None: processes."""
     token = _executor.set(executor)
     try:
         yield
