@@ -108,7 +108,7 @@ class Refinement:
             config.patch, config.chain.prior, config.window.resolution
         )
         self.sampler: PosteriorSampler | None = None
-        self.quality: ChainQuality | None = None
+        self.quality: ChainQuality | None = None  # of the measured cells
         self._summary: dict[str, float] | None = None
 
     # -- scans in ---------------------------------------------------------------------------
@@ -229,7 +229,9 @@ class Refinement:
             elif cancelled():
                 reason = 'cancelled'
             if reason or (now - judged_at) * JUDGING_SHARE >= judging_s:
-                self.quality = sampler.quality()
+                quality = sampler.quality()
+                # Cells no ray crosses have nothing to agree about.
+                self.quality = None if quality is None else quality.of(sampler.model.measured)
                 self._summary = None if self.quality is None else self.quality.summary()
                 judged_at = time.monotonic()
                 judging_s = judged_at - now
@@ -288,10 +290,13 @@ class Refinement:
         """
         if self.sampler is None:
             raise WindowError('no scan was taken: take those of the saved state first')
-        sampler, saved = PosteriorSampler.load(path, self.sampler.model)
-        different = [key for key, value in self._identity().items() if saved.get(key) != value]
-        if different:
-            raise WindowError(f'{path}: expected a state of these scans; other {different[0]}')
+
+        def accept(saved: dict[str, Any]) -> None:
+            different = [key for key, value in self._identity().items() if saved.get(key) != value]
+            if different:
+                raise WindowError(f'{path}: expected a state of these scans; other {different[0]}')
+
+        sampler, _ = PosteriorSampler.load(path, self.sampler.model, accept)
         self.sampler, self.quality, self._summary = sampler, None, None
 
     def _identity(self) -> dict[str, Any]:
