@@ -311,6 +311,8 @@ def test_publisher_vanishes_and_the_end_comes_in_mid_sweep(walks):
             observer.until(lambda: int(client.values()['scans recorded']) > 40)
             player.process.kill()
             player.wait()
+        seen = len(client.reports)
+        observer.until(lambda: len(client.reports) >= seen + 2)
         recorded = client.values()['scans recorded']
         client.refine()
         observer.until(lambda: client.sweeps() > 200)
