@@ -7,9 +7,13 @@ what                      where                                source
 ========================  ===================================  =============================
 live map, known pose      `ogm_mcmc.mapping.two_assumption`    [gibbs] section II, [slides]
 live map, uncertain pose  `ogm_mcmc.mapping.pose_uncertain`    [pose] section V
+adaptive resolution       `ogm_mcmc.mapping.adaptive`          [pose] section VI
+predicted cells           `ogm_mcmc.mapping.random_field`      [field]
 reflection probabilities  `ogm_mcmc.mapping.counting`          [slides]
 maps from sonars          `ogm_mcmc.mapping.sonar`             [slides]
 inverse sensor models     `ogm_mcmc.sensors.inverse_model`     [pose] Eq. 4, [slides]
+full posterior, sampled   `ogm_mcmc.sampling`, `.refinement`   [gibbs] section III
+full posterior, exactly   `ogm_mcmc.exact`                     [gibbs] section II
 exact ray traversal       `ogm_mcmc.geometry`                  none, see its design note
 full posterior            `ogm_mcmc.refinement`                [gibbs] section III, [patch]
 full posterior, live      `ogm_mcmc.ros.refine_server`         node `refine_server`

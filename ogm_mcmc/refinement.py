@@ -9,10 +9,12 @@ GridMap <--- posterior mean <--- PosteriorSampler.advance(sweeps) ... until a li
 
 from __future__ import annotations
 
+import math
 import operator
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,6 +23,7 @@ import numpy as np
 from ogm_mcmc.arrays import Float32Array, UInt8Array
 from ogm_mcmc.config import (
     MapperConfig,
+    PatchConfig,
     SamplerConfig,
     StopConfig,
     WindowConfig,
@@ -79,24 +82,31 @@ class Progress(NamedTuple):
     reason: str = ''
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON."""
-        return {
-            key: round(value, 6) if isinstance(value, float) else value
-            for key, value in self._asdict().items()
-        }
+        """Return plain values for JSON, which knows no infinity: None for what is not known."""
+
+        def plain(value: Any) -> Any:
+            if not isinstance(value, float):
+                return value
+            return round(value, 6) if math.isfinite(value) else None
+
+        return {key: plain(value) for key, value in self._asdict().items()}
 
 
 class Refinement:
     """The posterior of a set of scans, sampled for as long as there is time.
 
     Deterministic for a seed: how long a round takes changes when it stops, never what it draws.
+    `prior` is the probability of being occupied of a cell of which nothing is known.
     """
 
     def __init__(self, config: SamplerConfig) -> None:
         self.config = config
         self._taken: list[Placement] = []
+        self._times_taken = 0
         self.window = self._empty_window()
-        self._table = _patch_table(config)
+        self._table, self.prior = _patch_prior(
+            config.patch, config.chain.prior, config.window.resolution
+        )
         self.sampler: PosteriorSampler | None = None
         self.quality: ChainQuality | None = None
         self._summary: dict[str, float] | None = None
@@ -113,6 +123,8 @@ class Refinement:
         """
         if not scans:
             raise WindowError('no scan was recorded: expected at least one')
+        if start is not None:
+            _check_lattice(self.window.spec, start)
         known = len(self._taken)
         extends = 0 < known <= len(scans) and all(
             old is new for old, new in zip(self._taken, scans[:known], strict=True)
@@ -124,6 +136,7 @@ class Refinement:
         if window.index.n_rays == 0:
             raise WindowError(f'no beam of {len(scans)} scans says anything: nothing to sample')
         self.window, self._taken = window, list(scans)
+        self._times_taken += 1
         self._begin(start, warm)
         return window.index.n_rays
 
@@ -162,8 +175,8 @@ class Refinement:
                 chain.seed,
                 _cells_on(spec, live, 0.5, 1.0) == 0,
             )
-        # After a warm start another stream of random numbers, or the chains would repeat it.
-        seed = chain.seed + len(self._taken) if warm else chain.seed
+        # After a warm start another stream of random numbers, or the chains would repeat one.
+        seed: int | list[int] = [chain.seed, self._times_taken] if warm else chain.seed
         self.sampler = PosteriorSampler(model, starts, seed=seed, burn_in=chain.burn_in)
         self.quality, self._summary = None, None
 
@@ -300,6 +313,12 @@ class Refinement:
         whole[self.sampler.model.touched] = values
         return GridMap(spec, whole.reshape(spec.height, spec.width))
 
+    @property
+    def draws(self) -> int:
+        """Maps of all chains that the posterior mean is the mean of."""
+        assert self.sampler is not None
+        return max(self.sampler.counted, 1) * len(self.sampler.states)
+
     def settings(self) -> dict[str, Any]:
         """Return what decided the samples: results carry it."""
         return {**flatten(self.config), 'scans': len(self._taken)}
@@ -339,16 +358,19 @@ def live_map(scans: Sequence[Placement], window: WindowConfig) -> GridMap:
     return GridMap(mapper.spec, mapper.probabilities(mapper.spec.box))
 
 
-def _patch_table(config: SamplerConfig) -> PatchTable | None:
-    """Return the table of the prior, None for independent cells drawn one by one."""
-    patch = config.patch
+@lru_cache(maxsize=4)
+def _patch_prior(
+    patch: PatchConfig, cell_prior: float, resolution_m: float
+) -> tuple[PatchTable | None, float]:
+    """Return the table, None for single independent cells, and how often a cell is occupied."""
     if patch.single_cells:
-        return None
+        return None, cell_prior
     if patch.prior == 'uniform':
-        return make_table('uniform', patch.size, p_occupied=config.chain.prior)
+        return make_table('uniform', patch.size, p_occupied=cell_prior), cell_prior
     path = Path(patch.file).expanduser() if patch.file else default_prior_file()
-    counts = load_prior(path, config.window.resolution).counts
-    return make_table(patch.prior, patch.size, counts)
+    counts = load_prior(path, resolution_m).counts
+    share = float(counts.cells[1] / counts.cells.sum())
+    return make_table(patch.prior, patch.size, counts), share
 
 
 def _cells_on(spec: GridSpec, grid: GridMap, threshold: float, elsewhere: float) -> UInt8Array:
@@ -356,6 +378,17 @@ def _cells_on(spec: GridSpec, grid: GridMap, threshold: float, elsewhere: float)
 
     Cells that `grid` does not know have the probability `elsewhere`.
     """
+    _check_lattice(spec, grid)
+    cells = np.full((spec.height, spec.width), elsewhere >= threshold, np.uint8)
+    common = spec.box.intersection(grid.spec.box)
+    if not common.empty:
+        known = np.nan_to_num(grid.probability[grid.spec.slices(common)], nan=elsewhere)
+        cells[spec.slices(common)] = known >= threshold
+    return cells.reshape(-1)
+
+
+def _check_lattice(spec: GridSpec, grid: GridMap) -> None:
+    """Raise GridError unless the cells of `grid` are those of a window's lattice."""
     same = (
         grid.spec.resolution_m == spec.resolution_m
         and grid.spec.anchor_x_m == spec.anchor_x_m
@@ -367,9 +400,3 @@ def _cells_on(spec: GridSpec, grid: GridMap, threshold: float, elsewhere: float)
             f'({grid.spec.anchor_x_m:g}, {grid.spec.anchor_y_m:g}): expected '
             f'{spec.resolution_m:g} m at ({spec.anchor_x_m:g}, {spec.anchor_y_m:g})'
         )
-    cells = np.full((spec.height, spec.width), elsewhere >= threshold, np.uint8)
-    common = spec.box.intersection(grid.spec.box)
-    if not common.empty:
-        known = np.nan_to_num(grid.probability[grid.spec.slices(common)], nan=elsewhere)
-        cells[spec.slices(common)] = known >= threshold
-    return cells.reshape(-1)

@@ -10,6 +10,8 @@ from ogm_mcmc.geometry import CellBox, GridMap, GridSpec, Pose2D, PoseBelief, Sc
 from ogm_mcmc.mapping import METHODS
 from ogm_mcmc.mapping.beam_evidence_kernels import sum_steps_per_beam
 from ogm_mcmc.mapping.evidence_kernels import sum_per_scan
+from ogm_mcmc.mapping.gaussian_field_kernels import take_in
+from ogm_mcmc.mapping.quadtree_counting_kernels import count_seen
 from ogm_mcmc.mapping.sonar_kernels import add_cone
 from ogm_mcmc.mapping.two_assumption_kernels import fuse_per_beam, fuse_per_scan
 from ogm_mcmc.pipeline import MAX_STALE_BOXES, MappingPipeline, MapView, warm_up
@@ -303,6 +305,8 @@ def test_warm_up_runs_for_every_configuration():
         ('pose_uncertain', 'per_scan', sum_per_scan),
         ('pose_uncertain', 'per_beam', sum_steps_per_beam),
         ('sonar', 'per_scan', add_cone),
+        ('adaptive', 'per_scan', count_seen),
+        ('random_field', 'per_scan', take_in),
     ],
 )
 def test_nothing_is_compiled_after_warm_up(method, fusion, kernel):

@@ -1,6 +1,7 @@
 """`bench CASE`: how fast things are, as JSON.
 
-`bench online [--scene FILE] [BAG]`: the mapping call. `bench simulate`: beams through cells.
+`bench online [--scene FILE] [BAG]`: the mapping call. `bench sample [--scene FILE] [BAG]`: the
+full posterior. `bench simulate`: beams through cells.
 """
 
 from __future__ import annotations
@@ -14,22 +15,20 @@ from typing import Any
 import numpy as np
 
 from ogm_mcmc.benchmarks.online import time_online
+from ogm_mcmc.benchmarks.sample import Effort, bag_config, scene_config, time_sampling
 from ogm_mcmc.benchmarks.scene import generated_scene, load_scene
 from ogm_mcmc.benchmarks.simulation import time_simulation
+from ogm_mcmc.cli.bag_scans import read_bag
 from ogm_mcmc.cli.options import (
     Subparsers,
     add_config_options,
     add_stream_options,
     config_from,
-    stream_choice,
 )
 from ogm_mcmc.config import MapperConfig, PlacingConfig
-from ogm_mcmc.errors import BagError, ConfigError, require
+from ogm_mcmc.errors import ConfigError, require
 from ogm_mcmc.geometry import PoseBelief
-from ogm_mcmc.io.bags import BagReader
-from ogm_mcmc.io.scan_stream import PlacedScans, choose_topics
 from ogm_mcmc.io.world_files import load_world
-from ogm_mcmc.pipeline import mounted, sensor_mount
 from ogm_mcmc.placement import Placement
 from ogm_mcmc.simulation import GridWorld, Lidar
 
@@ -54,6 +53,7 @@ def add_to(subparsers: Subparsers) -> None:
     add_config_options(online, 'mapping', MapperConfig, PlacingConfig)
     add_stream_options(online)
     online.set_defaults(run=run_online)
+    _add_sample(cases)
     simulate = cases.add_parser('simulate', help='beams through cells, and a whole data set')
     simulate.add_argument('--world', default='building-5', help='as for the command simulate')
     simulate.add_argument('--beams', type=int, default=180)
@@ -63,6 +63,57 @@ def add_to(subparsers: Subparsers) -> None:
     simulate.add_argument('--repeats', type=int, default=7, help='passes; the best one counts')
     simulate.add_argument('--json', action='store_true', help='always JSON; for symmetry')
     simulate.set_defaults(run=run_simulate)
+
+
+def _add_sample(cases: Subparsers) -> None:
+    sample = cases.add_parser('sample', help='sampling, on the fixed scene and on a bag')
+    sample.add_argument('bag', nargs='?', type=Path, help='bag to sample as well')
+    sample.add_argument('--scene', type=Path, help='NPZ of the scene; default: a generated one')
+    sample.add_argument(
+        '--resolution', type=float, nargs='+', default=[0.05, 0.02], help='of the bag, m'
+    )
+    sample.add_argument(
+        '--no-return', choices=('clear', 'ignore'), default='ignore',
+        help='of the bag: what +inf says; CARMEN logs do not tell glass from nothing',
+    )  # fmt: skip
+    sample.add_argument('--cell-prior', type=float, default=0.15)
+    sample.add_argument('--warm-up', type=int, default=20, help='sweeps before any is timed')
+    sample.add_argument('--sweeps', type=int, default=20, help='timed sweeps; the best one counts')
+    sample.add_argument('--json', action='store_true', help='always JSON; accepted for symmetry')
+    add_config_options(sample, 'placing', PlacingConfig)
+    add_stream_options(sample)
+    sample.set_defaults(run=run_sample)
+
+
+def run_sample(options: argparse.Namespace) -> int:
+    """Run `bench sample`."""
+    require(options.sweeps > 0, 'sweeps', options.sweeps, 'expected at least one')
+    require(options.warm_up >= 0, 'warm_up', options.warm_up, 'expected 0 or more')
+    effort = Effort(options.warm_up, options.sweeps)
+    prior = options.cell_prior
+    bag_configs = {
+        f'bag {100.0 * cell:g} cm': bag_config(cell, options.no_return, prior)
+        for cell in options.resolution
+    }
+    scene = generated_scene() if options.scene is None else load_scene(options.scene)
+    result: dict[str, Any] = {
+        name: {
+            **time_sampling(
+                scene.placements, scene_config(scene.resolution_m, cut, prior), effort
+            ),
+            'source': scene.source,
+        }
+        for name, cut in (('scene', 0.0), ('scene cut at 4 sigma', 4.0))
+    }
+    if options.bag is not None:
+        placements = read_bag(options, config_from(options, PlacingConfig)).placements
+        for name, config in bag_configs.items():
+            result[name] = {
+                **time_sampling(placements, config, effort),
+                'source': options.bag.name,
+            }
+    print(json.dumps(result))
+    return 0
 
 
 def run_simulate(options: argparse.Namespace) -> int:
@@ -96,15 +147,7 @@ def run_online(options: argparse.Namespace) -> int:
     }
     if options.bag is not None:
         placing = config_from(options, PlacingConfig)
-        with BagReader(options.bag) as bag:
-            choice = stream_choice(options, placing, config)
-            placed = PlacedScans(bag, choose_topics(bag, choice), choice)
-            placements = [
-                mounted(scan, robot, sensor_mount(placing.mount, scan.frame_id))
-                for scan, robot in placed
-            ]
-        if not placements:
-            raise BagError(f'{options.bag}: no scan in it could be placed')
+        placements = read_bag(options, placing, config).placements
         result['bag'] = {
             **time_online(doubted(placements, sigmas), config, options.repeats),
             'source': options.bag.name,

@@ -20,6 +20,7 @@ from ogm_mcmc.cli import (
     learn_prior,
     map_bag,
     replay,
+    sample,
     simulate,
 )
 from ogm_mcmc.errors import OgmError
@@ -28,6 +29,7 @@ __all__ = ['run']
 
 COMMANDS = (
     map_bag,
+    sample,
     learn_prior,
     import_carmen,
     import_stata,

@@ -26,6 +26,8 @@ from ogm_mcmc.geometry import GridMap
 from ogm_mcmc.io.bags import BagReader
 from ogm_mcmc.io.map_files import checked_name, save_map, save_npz, writable_folder
 from ogm_mcmc.io.scan_stream import PlacedScans, choose_topics
+from ogm_mcmc.io.tree_files import save_tree
+from ogm_mcmc.mapping import AdaptiveMapper, MappingMethod, RandomFieldMapper
 from ogm_mcmc.pipeline import MappingPipeline, sensor_mount
 
 __all__ = ['add_to']
@@ -88,7 +90,11 @@ def run(options: argparse.Namespace) -> int:
         'files': {kind: str(path) for kind, path in paths.items() if kind != 'json'},
         'settings': settings,
     }
-    _write(grid_map, output, settings, result, paths)
+    if isinstance(pipeline.method, AdaptiveMapper):
+        result['tree'] = pipeline.method.statistics()._asdict()
+        paths['tree'] = options.folder / f'{options.name}_tree.npz'
+        result['files']['tree'] = str(paths['tree'])
+    _write(grid_map, output, settings, result, paths, pipeline.method)
     print_result(options, result, _text(result))
     return 0
 
@@ -99,6 +105,7 @@ def _write(
     settings: dict[str, Any],
     result: dict[str, Any],
     paths: dict[str, Path],
+    method: MappingMethod,
 ) -> None:
     """Write all files of a map under other names first: an old set is replaced as a whole."""
     folder, name = paths['yaml'].parent, paths['yaml'].stem
@@ -107,7 +114,14 @@ def _write(
             raise OutputError(f'{path}: is a folder; expected a name for a file')
     with tempfile.TemporaryDirectory(dir=folder, prefix=f'.{name}-') as scratch:
         save_map(grid_map, Path(scratch), output, name)
-        save_npz(grid_map, Path(scratch) / f'{name}.npz', settings)
+        layers = {}
+        if isinstance(method, RandomFieldMapper):
+            layers['variance'] = method.variance(grid_map.spec.box)
+        save_npz(grid_map, Path(scratch) / f'{name}.npz', settings, layers)
+        if isinstance(method, AdaptiveMapper):
+            save_tree(method, Path(scratch) / paths['tree'].name)
+        else:
+            (folder / f'{name}_tree.npz').unlink(missing_ok=True)  # of another map
         (Path(scratch) / f'{name}.json').write_text(
             json.dumps(result, indent=2) + '\n', encoding='utf-8'
         )
@@ -122,5 +136,14 @@ def _text(result: dict[str, Any]) -> str:
     return (
         f'{result["scans_used"]} of {result["scans"]} scans -> {result["files"]["yaml"]}: '
         f'{result["width"]} x {result["height"]} cells ({side_x:.1f} m x {side_y:.1f} m) '
-        f'in {result["seconds"]:.2f} s' + (f'; dropped: {dropped}' if dropped else '')
+        f'in {result["seconds"]:.2f} s'
+        + (f'; dropped: {dropped}' if dropped else '')
+        + (_tree_text(result['tree']) if 'tree' in result else '')
+    )
+
+
+def _tree_text(tree: dict[str, Any]) -> str:
+    return (
+        f'; {tree["leaves"]} leaves for {tree["measured_cells"]} cells, '
+        f'{tree["n_bytes"] / 1e6:.2f} MB (a regular grid: {tree["regular_bytes"] / 1e6:.2f} MB)'
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -45,29 +46,41 @@ def print_result(options: argparse.Namespace, values: dict[str, Any], text: str)
 
 
 def add_config_options(
-    parser: argparse.ArgumentParser, title: str, *configs: type, without: tuple[str, ...] = ()
+    parser: argparse.ArgumentParser,
+    title: str,
+    *configs: type,
+    without: tuple[str, ...] = (),
+    short: Mapping[str, str] | None = None,
 ) -> None:
     """Declare the settings of config classes, and --params-file for all of them."""
     group = parser.add_argument_group(title)
     for config in configs:
-        add_arguments(group, config, without)
+        add_arguments(group, config, without, short)
     group.add_argument('--params-file', type=Path, help='ROS parameter file (YAML)')
 
 
-def config_from(options: argparse.Namespace, config: type[T]) -> T:
-    """Build a config: defaults, then the parameter file, then the command line."""
+def config_from(
+    options: argparse.Namespace,
+    config: type[T],
+    node: str = 'online_mapper',
+    node_configs: tuple[type, ...] = NODE_CONFIGS,
+) -> T:
+    """Build a config: defaults, then the parameter file, then the command line.
+
+    The file is that of a node, whose parameters `node_configs` declares.
+    """
     values: dict[str, Any] = {}
     if options.params_file is not None:
         # The file is the node's: what is no setting of this config belongs to the rest of it.
         known = {leaf.name for leaf in settings_of(config)}
-        held = read_parameter_file(options.params_file)
-        _refuse_unknown(options.params_file, held)
+        held = read_parameter_file(options.params_file, node)
+        _refuse_unknown(options.params_file, held, node_configs)
         values.update({name: value for name, value in held.items() if name in known})
     return build(config, {**values, **given(options, config)})
 
 
-def _refuse_unknown(path: Path, held: dict[str, Any]) -> None:
-    every = {leaf.name for config in NODE_CONFIGS for leaf in settings_of(config)}
+def _refuse_unknown(path: Path, held: dict[str, Any], configs: tuple[type, ...]) -> None:
+    every = {leaf.name for config in configs for leaf in settings_of(config)}
     unknown = sorted(set(held) - every - {'use_sim_time'})
     if unknown:
         raise ConfigError(

@@ -1,5 +1,6 @@
 """Settings: what may be set (`mapping`, `sampling`, `priors`), and how (`settings`)."""
 
+from ogm_mcmc.config.adaptive import AdaptiveConfig
 from ogm_mcmc.config.evaluation import EvaluationConfig
 from ogm_mcmc.config.mapping import (
     LIVE_MAPPING,
@@ -14,6 +15,7 @@ from ogm_mcmc.config.mapping import (
     StepModelConfig,
 )
 from ogm_mcmc.config.priors import LearningConfig, PatchTableConfig
+from ogm_mcmc.config.random_field import RandomFieldConfig
 from ogm_mcmc.config.sampling import (
     ChainConfig,
     ForwardModelConfig,
@@ -44,6 +46,7 @@ __all__ = [
     'CountingConfig',
     'EvaluationConfig',
     'GaussianModelConfig',
+    'AdaptiveConfig',
     'MapperConfig',
     'MountConfig',
     'OutputConfig',
@@ -53,6 +56,7 @@ __all__ = [
     'RecordingConfig',
     'SamplerConfig',
     'PoseUncertainConfig',
+    'RandomFieldConfig',
     'Setting',
     'SonarModelConfig',
     'StepModelConfig',

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from ogm_mcmc.config.adaptive import AdaptiveConfig
+from ogm_mcmc.config.random_field import RandomFieldConfig
 from ogm_mcmc.config.settings import check_bounds, setting
 from ogm_mcmc.errors import require
 
@@ -129,11 +131,19 @@ class MapperConfig:
     method: str = setting(
         'two_assumption',
         'mapping method, see docs/methods.md',
-        choices=('two_assumption', 'pose_uncertain', 'counting', 'sonar'),
+        choices=(
+            'two_assumption',
+            'pose_uncertain',
+            'adaptive',
+            'counting',
+            'random_field',
+            'sonar',
+        ),
     )
     inverse_model: str = setting(
         'step',
-        'what a beam says about the cells around its end (two_assumption, pose_uncertain)',
+        'what a beam says about the cells around its end '
+        '(two_assumption, pose_uncertain, random_field)',
         choices=('step', 'gaussian'),
     )
     fusion: str = setting(
@@ -171,6 +181,8 @@ class MapperConfig:
     pose_uncertain: PoseUncertainConfig = PoseUncertainConfig()
     counting: CountingConfig = CountingConfig()
     sonar: SonarModelConfig = SonarModelConfig()
+    adaptive: AdaptiveConfig = AdaptiveConfig()  # noqa: RUF009 - frozen
+    random_field: RandomFieldConfig = RandomFieldConfig()  # noqa: RUF009 - frozen
 
     def __post_init__(self) -> None:
         """Refuse what is out of bounds or contradicts itself."""

@@ -60,15 +60,20 @@ def setting(
     return field(default=default, metadata=bounds)
 
 
-def settings_of(cls: type, prefix: str = '') -> Iterator[Setting]:
-    """Walk over the leaves of a config class, depth first, in order of declaration."""
+def settings_of(cls: type, prefix: str = '', example: Any = None) -> Iterator[Setting]:
+    """Walk over the leaves of a config class, depth first, in order of declaration.
+
+    Defaults are those of `example`, an object of the class, where there is one: a class may give
+    a nested one other defaults than its own.
+    """
     hints = get_type_hints(cls)
     for item in dataclasses.fields(cls):
         kind: type = hints[item.name]
+        default = item.default if example is None else getattr(example, item.name)
         if hasattr(kind, '__dataclass_fields__'):
-            yield from settings_of(kind, f'{prefix}{item.name}.')
+            yield from settings_of(kind, f'{prefix}{item.name}.', default)
         else:
-            yield Setting(f'{prefix}{item.name}', kind, item.default, **item.metadata)
+            yield Setting(f'{prefix}{item.name}', kind, default, **item.metadata)
 
 
 def check_bounds(config: Any) -> None:
@@ -104,21 +109,26 @@ def flatten(config: Any, prefix: str = '') -> dict[str, Any]:
 
 
 def add_arguments(
-    parser: argparse._ActionsContainer, cls: type, without: tuple[str, ...] = ()
+    parser: argparse._ActionsContainer,
+    cls: type,
+    without: tuple[str, ...] = (),
+    short: Mapping[str, str] | None = None,
 ) -> None:
     """Declare one option per leaf; an option that is not given is None.
 
     `max_range` becomes `--max-range`, `step.l_occ` becomes `--step.l-occ`; values end up in the
-    namespace under their dotted names, see `given`.
+    namespace under their dotted names, see `given`. `short` names a second option for some.
     """
     for leaf in settings_of(cls):
         if leaf.name in without:
             continue
-        option = f'--{leaf.name.replace("_", "-")}'
+        options = [f'--{leaf.name.replace("_", "-")}']
+        if short is not None and leaf.name in short:
+            options.insert(0, short[leaf.name])
         text = f'{leaf.description} (default: {leaf.default})'.replace('%', '%%')
         if leaf.type is bool:
             parser.add_argument(
-                option,
+                *options,
                 dest=leaf.name,
                 action=argparse.BooleanOptionalAction,
                 default=None,
@@ -126,7 +136,7 @@ def add_arguments(
             )
         else:
             parser.add_argument(
-                option,
+                *options,
                 dest=leaf.name,
                 type=leaf.type,
                 choices=leaf.choices or None,
@@ -150,19 +160,21 @@ def build(cls: type[T], values: Mapping[str, Any], *, ignore_unknown: bool = Fal
     unknown = sorted(set(values) - known)
     if unknown and not ignore_unknown:
         raise ConfigError(f'unknown setting {unknown[0]!r}: one of {", ".join(sorted(known))}')
-    return _build(cls, values, '')
+    return cls(**_arguments(cls, values, ''))
 
 
-def _build(cls: type[T], values: Mapping[str, Any], prefix: str) -> T:
+def _arguments(cls: type, values: Mapping[str, Any], prefix: str) -> dict[str, Any]:
     hints = get_type_hints(cls)
     arguments: dict[str, Any] = {}
-    for item in dataclasses.fields(cls):  # type: ignore[arg-type]
+    for item in dataclasses.fields(cls):
         name = f'{prefix}{item.name}'
         if dataclasses.is_dataclass(hints[item.name]):
-            arguments[item.name] = _build(hints[item.name], values, f'{name}.')
+            nested = _arguments(hints[item.name], values, f'{name}.')
+            example: Any = item.default
+            arguments[item.name] = dataclasses.replace(example, **nested)
         elif name in values:
             arguments[item.name] = values[name]
-    return cls(**arguments)
+    return arguments
 
 
 def read_parameter_file(path: Path, node: str = 'online_mapper') -> dict[str, Any]:

@@ -23,7 +23,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, Protocol
 
-from ogm_mcmc.experiments import counting, patch_sim_traditional, pose_particles
+from ogm_mcmc.experiments import (
+    adaptive,
+    counting,
+    gibbs_1d,
+    patch_mutual_information,
+    patch_sim_traditional,
+    pose_particles,
+    random_field,
+)
 from ogm_mcmc.experiments.datasets import run_all
 from ogm_mcmc.experiments.results import make_page, row
 
@@ -39,7 +47,11 @@ class Run(Protocol):
 
 
 EXPERIMENTS: dict[str, Run] = {
+    'adaptive': adaptive.run,
     'counting': counting.run,
+    'gibbs-1d': gibbs_1d.run,
+    'patch-mutual-information': patch_mutual_information.run,
     'patch-sim-traditional': patch_sim_traditional.run,
     'pose-particles': pose_particles.run,
+    'random-field': random_field.run,
 }

@@ -13,7 +13,7 @@ import contextlib
 import os
 import tempfile
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,7 @@ import numpy as np
 import yaml
 from PIL import Image
 
-from ogm_mcmc.arrays import UInt8Array
+from ogm_mcmc.arrays import AnyArray, UInt8Array
 from ogm_mcmc.config import OutputConfig
 from ogm_mcmc.errors import MapFileError, OutputError
 from ogm_mcmc.geometry import GridMap, GridSpec
@@ -152,17 +152,26 @@ def save_map(
     return paths
 
 
-def save_npz(grid_map: GridMap, path: Path, settings: dict[str, Any]) -> Path:
-    """Write the probabilities (nan: never measured), the grid and the settings that made them."""
+def save_npz(
+    grid_map: GridMap,
+    path: Path,
+    settings: dict[str, Any],
+    layers: Mapping[str, AnyArray] | None = None,
+) -> Path:
+    """Write the probabilities (nan: never measured), the grid and the settings that made them.
+
+    `layers`: more facts about every cell (height, width), by name.
+    """
     spec = grid_map.spec
+    arrays: dict[str, Any] = {
+        'probability': grid_map.probability,
+        'resolution': spec.resolution_m,
+        'origin': np.array([spec.origin_x_m, spec.origin_y_m, 0.0]),
+        'settings': np.array(yaml.safe_dump(settings, sort_keys=False)),
+        **(layers or {}),
+    }
     with replacing(path) as temporary, temporary.open('wb') as stream:
-        np.savez_compressed(
-            stream,
-            probability=grid_map.probability,
-            resolution=spec.resolution_m,
-            origin=np.array([spec.origin_x_m, spec.origin_y_m, 0.0]),
-            settings=np.array(yaml.safe_dump(settings, sort_keys=False)),
-        )
+        np.savez_compressed(stream, **arrays)
     return path
 
 

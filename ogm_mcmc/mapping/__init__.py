@@ -56,21 +56,82 @@ gaussian, per_beam                                          23.9  65.4
 
 (Figures with one column are of another run.) Marking is what is left: see the note on wedges
 in `ogm_mcmc.geometry` for what to try next.
+
+Design note: the adaptive map
+-----------------------------
+Context. [pose] section VI: leaves of a quadtree split where hits, misses and unknowns fit neither
+a free nor an occupied leaf, and merge where siblings agree. It should give what a fine regular
+grid gives, with fewer cells.
+
+Decision. Nodes are rows of flat arrays (25 bytes: two links, level, log-odds, two counts and a
+scratch index), children in groups of four, groups used again after merging; a small table holds
+the roots, so the map grows without moving a node. Beams are traced on the finest lattice by the
+traversal of all other methods: at forced full depth the map is the regular grid bit for bit.
+After a split only the beams that met the leaf are walked again. Five departures from the print,
+each because of what happened without it:
+
+- A beam that ends in a leaf is also a miss by the share of the side it crossed (`way_to_hit`). As
+  printed it is a hit alone, and a wall at the far side makes the whole leaf occupied.
+- Only contradictions beyond the expected ones count in chi-square. The plain test refuses 0 hits
+  of 300 where 2 % are expected: every leaf split as soon as it had been seen often enough.
+- Siblings merge only if their counts together would not split again. Otherwise a hit on
+  something new is spread over an area long known to be free before the next hit comes.
+- Children start to count at nothing, since whose the parent's counts were is not known.
+- Counts shrink to `count_limit`, or nothing new would ever be noticed in a leaf seen for hours.
+
+Consequence. In memory the tree wins where areas are open or cells fine, and loses where walls
+are everywhere; in time it always loses (figures in docs/methods.md). Most of the time goes to
+walking beams cell by cell: walking leaf by leaf, and one walk for all rounds, are what to try
+next.
+
+Design note: the random field
+-----------------------------
+Context. [field]: log-odds of all cells are one Gaussian field, observed where the two-assumption
+map has a value. Eq. 21 solves it at once; Eq. 24 takes one observation after the other. A map has
+1e5 to 1e6 cells, and each changes with every scan.
+
+Decision. The recursion, on demand. D does not depend on what was observed, only on where, so a
+cell costs a rank-one update of its surroundings once in its life, and a changed value one row of
+D. Scans go to the two-assumption map alone; when the map is read, each cell that changed is
+brought up to date with its last value. D is kept for pairs up to R cells apart (`drop`), one half
+of it, and only for cells that an observation has reached. More than the variance may not be
+dropped (else K would be no covariance, and with R = 1 and l = 2 variances do become negative).
+
+Errata of [field]: Eq. 9 prints odds where log-odds are meant; Eq. 24 shows the first step only,
+D_i <- D_i - D_ij / (sigma_j^2 + D_jj) D_j in general; Eq. 11 divides by 2 l, not 2 l^2.
+
+What was tried, Intel at 10 cm (59 348 measured cells, l = 1, sigma^2 = 0.1), one thread:
+
+=================================================  ====  ==========  ============================
+formulation                                        s     bytes/cell  error of the mean, rms (of 54)
+recursion, R = 4 (drop 1e-4), read once            0.17  410         0.12
+recursion, R = 4, read after every 5th of 910      0.8   410         0.4
+recursion, R = 5 (drop 1e-6), read once            0.3   620         0.03
+conjugate gradients, whole map, tolerance 1e-3     0.12  40          none to speak of; no variance
+dense solves in blocks of 8 x 8 with 8 around it   5.8   16          none to speak of
+=================================================  ====  ==========  ============================
+
+Conjugate gradients (the covariance as two passes of a filter) are what to try next for one map at
+the end of a long log; for a live map every change would mean a solve of the whole.
 """
 
+from ogm_mcmc.mapping.adaptive import AdaptiveMapper
 from ogm_mcmc.mapping.counting import CountingMapper
 from ogm_mcmc.mapping.log_odds_grid import LogOddsGrid
 from ogm_mcmc.mapping.method import METHODS, MappingMethod, Reconfigurable, make_method
 from ogm_mcmc.mapping.pose_uncertain import PoseUncertainMapper
+from ogm_mcmc.mapping.random_field import RandomFieldMapper
 from ogm_mcmc.mapping.sonar import SonarMapper
 from ogm_mcmc.mapping.two_assumption import TwoAssumptionMapper
 
 __all__ = [
     'METHODS',
+    'AdaptiveMapper',
     'CountingMapper',
     'LogOddsGrid',
     'MappingMethod',
     'PoseUncertainMapper',
+    'RandomFieldMapper',
     'Reconfigurable',
     'SonarMapper',
     'TwoAssumptionMapper',

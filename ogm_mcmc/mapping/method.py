@@ -8,8 +8,10 @@ from typing import ClassVar, Protocol, runtime_checkable
 from ogm_mcmc.arrays import Float32Array
 from ogm_mcmc.config import MapperConfig
 from ogm_mcmc.geometry import CellBox, GridSpec, PoseBelief, Scan
+from ogm_mcmc.mapping.adaptive import AdaptiveMapper
 from ogm_mcmc.mapping.counting import CountingMapper
 from ogm_mcmc.mapping.pose_uncertain import PoseUncertainMapper
+from ogm_mcmc.mapping.random_field import RandomFieldMapper
 from ogm_mcmc.mapping.sonar import SonarMapper
 from ogm_mcmc.mapping.two_assumption import TwoAssumptionMapper
 
@@ -64,6 +66,8 @@ METHODS: dict[str, Callable[[MapperConfig], MappingMethod]] = {
     'pose_uncertain': PoseUncertainMapper,
     'counting': CountingMapper,
     'sonar': SonarMapper,
+    'adaptive': AdaptiveMapper,
+    'random_field': RandomFieldMapper,
 }
 
 

@@ -18,6 +18,8 @@ from ogm_mcmc.config import LIVE_MAPPING, MapperConfig, OutputConfig, PlacingCon
 from ogm_mcmc.errors import OgmError
 from ogm_mcmc.geometry import PoseBelief, Scan, SensorMount
 from ogm_mcmc.io.map_files import save_map
+from ogm_mcmc.io.tree_files import save_tree
+from ogm_mcmc.mapping import AdaptiveMapper
 from ogm_mcmc.pipeline import MappingPipeline, warm_up
 from ogm_mcmc.ros.diagnostics import DIAGNOSTICS_S, Diagnostics
 from ogm_mcmc.ros.grid_publisher import GridPublisher
@@ -160,13 +162,15 @@ class OnlineMapper(Node):
         return response
 
     def on_save_map(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Save the map as PGM, YAML and PNG; scans wait in the queue meanwhile."""
+        """Save the map as PGM, YAML and PNG, a tree beside; scans wait in the queue meanwhile."""
         if self.pipeline.scans_used == 0:
             response.success, response.message = False, 'no scan was mapped yet: nothing to save'
             return response
         folder = Path(self.settings.save_directory).expanduser()
         try:
             paths = save_map(self.pipeline.map(), folder, self.output, self.settings.save_name)
+            if isinstance(self.pipeline.method, AdaptiveMapper):
+                save_tree(self.pipeline.method, folder / f'{self.settings.save_name}_tree.npz')
         except OgmError as error:
             response.success, response.message = False, str(error)
         else:

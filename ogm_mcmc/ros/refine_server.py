@@ -21,7 +21,6 @@ from ogm_mcmc.config import (
     OutputConfig,
     PlacingConfig,
     RecordingConfig,
-    SamplerConfig,
     StopConfig,
 )
 from ogm_mcmc.errors import OgmError
@@ -41,6 +40,7 @@ from ogm_mcmc.ros.settings import (
     REFINE_CONFIGS,
     REFINE_LIVE_PARAMETERS,
     IntakeConfig,
+    RefineSamplerConfig,
     RefineServerConfig,
     refine_settings_agree,
 )
@@ -59,7 +59,7 @@ class RefineServer(Node):
         self.parameters = ParameterSet(
             self, REFINE_CONFIGS, REFINE_LIVE_PARAMETERS, refine_settings_agree
         )
-        self.sampler = self.parameters.read(SamplerConfig)
+        self.sampler = self.parameters.read(RefineSamplerConfig)
         self._read_live()
         self.recording = Recording(self.parameters.read(RecordingConfig), self.sampler)
         self.intake = ScanIntake(
@@ -148,8 +148,8 @@ class RefineServer(Node):
 
     def shown(self, result: RefinedMap) -> GridMap:
         """Return a map with nan where it is no more certain than the prior."""
-        prior, margin = self.sampler.chain.prior, self.settings.unknown_margin
-        return hide_uncertain(result.grid_map, prior, margin, result.draws)
+        margin = self.settings.unknown_margin
+        return hide_uncertain(result.grid_map, result.prior, margin, result.draws)
 
     def map_message(self, result: RefinedMap) -> OccupancyGrid:
         """Return the message of a map; the same one again while neither it nor settings change."""

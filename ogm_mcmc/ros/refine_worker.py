@@ -32,11 +32,12 @@ LEAVE_INDEXING_S = 1.0
 class RefinedMap(NamedTuple):
     """A posterior mean (nan: no ray ever came) as it was handed over; `number` rises by one.
 
-    It is the mean of `draws` maps of all chains.
+    It is the mean of `draws` maps of all chains; a cell of which nothing is known has `prior`.
     """
 
     number: int
     grid_map: GridMap
+    prior: float
     draws: int
     scans: int
     stamp_ns: int
@@ -245,7 +246,8 @@ class RefineWorker:
             self.result = RefinedMap(
                 self._handed_over,
                 grid_map,
-                max(progress.counted, 1) * self.config.chain.chains,
+                self._refinement.prior,
+                self._refinement.draws,
                 len(order.scans),
                 order.scans[-1].scan.stamp_ns,
                 final,

@@ -9,6 +9,7 @@ from ogm_mcmc.config import (
     LIVE_MAPPING,
     MapperConfig,
     OutputConfig,
+    PatchConfig,
     PlacingConfig,
     RecordingConfig,
     SamplerConfig,
@@ -26,6 +27,7 @@ __all__ = [
     'REFINE_LIVE_PARAMETERS',
     'IntakeConfig',
     'OnlineMapperConfig',
+    'RefineSamplerConfig',
     'RefineServerConfig',
     'ReplayConfig',
     'refine_settings_agree',
@@ -144,8 +146,18 @@ class RefineServerConfig:
         check_bounds(self)
 
 
+LEARNED = PatchConfig(prior='border', size=9)
+
+
+@dataclass(frozen=True)
+class RefineSamplerConfig(SamplerConfig):
+    """As for `sample`, but with the learned prior: walls also where no beam has been."""
+
+    patch: PatchConfig = LEARNED
+
+
 REFINE_CONFIGS = (
-    SamplerConfig,
+    RefineSamplerConfig,
     StopConfig,
     RecordingConfig,
     OutputConfig,
@@ -180,7 +192,7 @@ REFINE_LIVE_PARAMETERS = frozenset(
 
 def refine_settings_agree(values: dict[str, Any]) -> None:
     """Refuse settings of `refine_server` that contradict each other."""
-    sampler = build(SamplerConfig, values, ignore_unknown=True)
+    sampler = build(RefineSamplerConfig, values, ignore_unknown=True)
     check_limits(sampler.chain, build(StopConfig, values, ignore_unknown=True))
 
 

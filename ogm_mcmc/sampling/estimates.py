@@ -5,30 +5,52 @@ from __future__ import annotations
 import numpy as np
 
 from ogm_mcmc.arrays import AnyArray, Float64Array
+from ogm_mcmc.errors import require
 from ogm_mcmc.geometry import GridMap
 
-__all__ = ['hide_uncertain', 'mutual_information_bits']
+__all__ = ['hide_uncertain', 'mutual_information_bits', 'pair_information_bits']
 
 # A cell that is the same in all draws is shown if the prior alone seldom does that.
 SAME_BY_CHANCE = 0.05
+
+# Differences of probabilities that are smaller than this are rounding.
+IMPOSSIBLE = 1e-15
 
 
 def mutual_information_bits(samples: AnyArray) -> Float64Array:
     """Mutual information (c, c) between chosen cells, bits ([patch] Fig. 2).
 
     samples  (S, c) of 0 and 1: one row a map. I(a; b) = sum p(a, b) log2 p(a, b) / (p(a) p(b));
-    on the diagonal it is the entropy of the cell.
+    on the diagonal it is the entropy of the cell. Raises ConfigError without a sample.
     """
+    require(samples.shape[0] > 0, 'samples', samples.shape[0], 'expected at least one')
+    # Counts are whole numbers, so what never happened is exactly 0.
     ones = samples.astype(np.float64)
-    n = ones.shape[0]
-    both = ones.T @ ones / n
-    p = ones.mean(axis=0)
-    joint = np.stack(
-        (both, p[:, None] - both, p[None, :] - both, 1.0 - p[:, None] - p[None, :] + both)
+    n, one = ones.shape[0], ones.sum(axis=0)
+    zero = n - one
+    both = ones.T @ ones
+    a, b = one[:, None], one[None, :]
+    joint = np.stack((both, a - both, b - both, n - a - b + both))
+    product = np.stack(
+        (np.outer(one, one), np.outer(one, zero), np.outer(zero, one), np.outer(zero, zero))
     )
-    q = 1.0 - p
+    return _information(joint / n, product / n**2)
+
+
+def pair_information_bits(p: Float64Array, both: Float64Array) -> Float64Array:
+    """Mutual information (c, c), bits, of cells that are occupied with `p` (c,), two with `both`.
+
+    both  (c, c): p(a = 1, b = 1), on the diagonal p(a = 1)
+    """
+    a, b, q = p[:, None], p[None, :], 1.0 - p
+    joint = np.stack((both, a - both, b - both, 1.0 - a - b + both))
+    joint[joint < IMPOSSIBLE] = 0.0
     product = np.stack((np.outer(p, p), np.outer(p, q), np.outer(q, p), np.outer(q, q)))
-    joint = np.maximum(joint, 0.0)
+    return _information(joint, product)
+
+
+def _information(joint: Float64Array, product: Float64Array) -> Float64Array:
+    """Sum over the four states of two cells, bits; both (4, c, c)."""
     with np.errstate(divide='ignore', invalid='ignore'):
         terms = joint * np.log2(joint / product)
     terms[joint == 0.0] = 0.0

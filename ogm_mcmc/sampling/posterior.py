@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.random import Generator
 
 from ogm_mcmc.arrays import AnyArray, BoolArray, Float32Array, UInt8Array
-from ogm_mcmc.errors import WindowError
+from ogm_mcmc.errors import WindowError, require
 from ogm_mcmc.sampling.cell_gibbs import GibbsState
 from ogm_mcmc.sampling.diagnostics import BatchCounts, ChainQuality, assess
 from ogm_mcmc.sampling.gibbs_kernels import add_occupied
@@ -62,7 +62,12 @@ class PosteriorSampler:
     """
 
     def __init__(
-        self, model: PosteriorModel, starts: Sequence[UInt8Array], *, seed: int, burn_in: int
+        self,
+        model: PosteriorModel,
+        starts: Sequence[UInt8Array],
+        *,
+        seed: int | Sequence[int],
+        burn_in: int,
     ) -> None:
         self.model = model
         self.burn_in = burn_in
@@ -116,6 +121,7 @@ class PosteriorSampler:
 
     def draw_maps(self, count: int, thin: int) -> Iterator[UInt8Array]:
         """Yield `count` maps (K,), `thin` sweeps apart, from the chains in turn."""
+        require(thin > 0, 'thin', thin, 'expected at least 1')
         for i in range(count):
             if i % len(self.states) == 0:
                 self.advance(thin)
@@ -141,6 +147,7 @@ class PosteriorSampler:
             'burn_in': self.burn_in,
             'n_cells': self.model.n_cells,
             'touched': int(self.model.touched.size),
+            'log_likelihoods': self.log_likelihoods(),
             'generators': [rng.bit_generator.state for rng in self.rngs],
             'settings': settings,
         }
@@ -154,34 +161,58 @@ class PosteriorSampler:
         Raises WindowError when the file is no such file or is of another window.
         """
         try:
-            with np.load(path) as data:
+            with path.open('rb') as stream, np.load(stream) as data:
                 header = json.loads(str(data['header']))
-                if header['version'] != 1:
-                    raise WindowError(f'{path}: version {header["version"]}: expected 1')
-                _same_window(path, header, model)
+                _check_window(path, header, model)
                 sampler = cls(model, [], seed=0, burn_in=header['burn_in'])
                 sampler.sweeps = header['sweeps']
                 for j in range(header['chains']):
-                    cells = np.unpackbits(data[f'cells_{j}'], count=model.n_cells)
-                    sampler.states.append(model.start(cells))
-                    counts = BatchCounts(0)
-                    counts.counts = data[f'counts_{j}']
-                    counts.batch_length, counts.full, counts.in_last = map(
-                        int, data[f'progress_{j}']
-                    )
-                    sampler.counts.append(counts)
+                    sampler.states.append(model.start(_cells_in(data[f'cells_{j}'], model)))
+                    sampler.counts.append(_counts_in(data, j, model.touched.size))
                     rng = np.random.default_rng()
                     rng.bit_generator.state = header['generators'][j]
                     sampler.rngs.append(rng)
-        except (OSError, KeyError, ValueError, TypeError, EOFError) as error:
-            if isinstance(error, WindowError):
-                raise
-            reason = ' '.join(str(error).split())
+            sampler._check_loaded(path, header['log_likelihoods'])
+        except WindowError:
+            raise
+        except Exception as error:  # a damaged archive fails in more ways than can be listed
+            reason = ' '.join(str(error).split()) or type(error).__name__
             raise WindowError(f'{path}: expected a saved sampling state ({reason})') from error
         return sampler, header['settings']
 
+    def _check_loaded(self, path: Path, log_likelihoods: list[float]) -> None:
+        """Refuse counts of other lengths, and maps that other readings make as likely as this."""
+        counted = max(self.sweeps - self.burn_in, 0)
+        if any(counts.n_sweeps != counted for counts in self.counts) or not self.counts:
+            raise ValueError(f'expected {counted} counted sweeps of every chain')
+        if not np.allclose(self.log_likelihoods(), log_likelihoods, rtol=1e-6, atol=1e-4):
+            raise WindowError(
+                f'{path}: its maps had log-likelihood {log_likelihoods[0]:.6g}: expected '
+                f'{self.log_likelihoods()[0]:.6g}, as they have with the rays of this window'
+            )
 
-def _same_window(path: Path, header: dict[str, Any], model: PosteriorModel) -> None:
+
+def _cells_in(packed: AnyArray, model: PosteriorModel) -> UInt8Array:
+    if packed.shape != ((model.n_cells + 7) // 8,):
+        raise ValueError(f'a map of {packed.size} bytes: expected {(model.n_cells + 7) // 8}')
+    cells: UInt8Array = np.unpackbits(packed, count=model.n_cells)
+    return cells
+
+
+def _counts_in(data: Mapping[str, AnyArray], chain: int, n_touched: int) -> BatchCounts:
+    counts, held = BatchCounts(n_touched), data[f'counts_{chain}']
+    if held.shape != counts.counts.shape or held.dtype not in (np.uint16, np.uint32):
+        raise ValueError(f'counts {held.dtype} {held.shape}: expected {counts.counts.shape}')
+    counts.counts = held
+    counts.batch_length, counts.full, counts.in_last = map(int, data[f'progress_{chain}'])
+    if not (0 <= counts.full < len(held) and 0 <= counts.in_last < counts.batch_length):
+        raise ValueError(f'batches {data[f"progress_{chain}"]}: expected a row to go on with')
+    return counts
+
+
+def _check_window(path: Path, header: dict[str, Any], model: PosteriorModel) -> None:
+    if header['version'] != 1:
+        raise WindowError(f'{path}: version {header["version"]}: expected 1')
     saved = header['n_cells'], header['touched']
     here = model.n_cells, model.touched.size
     if saved != here:

@@ -183,32 +183,37 @@ class RayWindow:
             no_return_clears=config.no_return == 'clear',
         )
         n = cast.n_rays
-        along = cast.ends[:, :n] - np.array([[cast.x], [cast.y]])
-        measured = np.hypot(along[0], along[1])
-        hit = cast.hit[:n] != 0
+        # Readings and directions as they are: those of end points were rounded, and an end point
+        # next to the sensor has no direction at all.
+        reading = scan.ranges_m.astype(np.float64)
+        used = (reading > 0.0) & (reading >= scan.range_min_m) & (reading <= scan.range_max_m)
+        if config.no_return == 'clear':
+            used |= reading == np.inf
+        reading = reading[used]
+        ahead, left = scan.directions()[:, used]
+        cosine, sine = np.cos(sensor.yaw_rad), np.sin(sensor.yaw_rad)
         reach = scan.range_max_m
         if config.max_range > 0.0:
             reach = min(reach, config.max_range)
+        hit = reading <= reach
         length = np.full(n, reach / config.resolution)
         if config.cut_sigma > 0.0:
-            behind = measured + config.cut_sigma * self.model.sigma_m / config.resolution
+            behind = (reading + config.cut_sigma * self.model.sigma_m) / config.resolution
             length[hit] = np.minimum(length, behind)[hit]
         if n and length.max() * 2.0 > MAX_POSITIONS:
             raise GridError(
                 f'a ray of {length.max():.0f} cells: expected at most {MAX_POSITIONS // 2}; '
                 'set max_range'
             )
-        with np.errstate(invalid='ignore', divide='ignore'):
-            ux, uy = along / measured
         return BeamRays(
             np.full(n, cast.column),
             np.full(n, cast.row),
             np.full(n, cast.x),
             np.full(n, cast.y),
-            ux,
-            uy,
+            ahead * cosine - left * sine,
+            ahead * sine + left * cosine,
             length,
-            np.where(hit, measured * config.resolution, np.inf),
+            np.where(hit, reading, np.inf),
             np.full(n, reach),
         )
 
@@ -271,7 +276,7 @@ def _extended(
     n_old, n_new = index.n_rays, index.n_rays + rays.length.size
     t_old, t_most = index.n_pairs, index.n_pairs + int(_most_cells(rays).sum())
     counts, gain = _regridded(index, old, new)
-    before = np.concatenate(([0], np.cumsum(counts)))
+    before = _beginnings(counts)
 
     ray_start = np.concatenate((index.ray_start, np.empty(n_new - n_old, np.int64)))
     first_cell = np.concatenate(
@@ -299,7 +304,7 @@ def _extended(
             counts,
         )
     )
-    after = np.concatenate(([0], np.cumsum(counts)))
+    after = _beginnings(counts)
     grown = RayIndex(
         cell_start=after,
         pairs=_grown(index.pairs, total),
@@ -315,9 +320,14 @@ def _extended(
     )
     if t_old:
         spread_pairs(before, after, grown.pairs, grown.positions)
+    # Where the next pair of each cell goes: behind those it had. There may be more cells than
+    # pairs, so no array of them is made that is not needed.
+    next_pair = counts
+    np.subtract(before[1:], before[:-1], out=next_pair)
+    next_pair += after[:-1]
     file_rays(
         n_old,
-        after[:-1] + np.diff(before),
+        next_pair,
         ray_start,
         first_cell,
         across,
@@ -330,6 +340,13 @@ def _extended(
         gain,
     )
     return grown
+
+
+def _beginnings(counts: AnyArray) -> AnyArray:
+    """Return where each cell's pairs begin and the last ones end, (K + 1,) int64."""
+    beginnings = np.zeros(counts.size + 1, np.int64)
+    np.cumsum(counts, out=beginnings[1:])
+    return beginnings
 
 
 def _regridded(index: RayIndex, old: GridSpec, new: GridSpec) -> tuple[AnyArray, AnyArray]:

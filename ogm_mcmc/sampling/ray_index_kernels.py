@@ -30,7 +30,17 @@ def following_cell(cell, step, across, up):
 @njit(cache=True, nogil=True, inline='always')
 def per_unit(direction):
     """Reciprocal of one component of a direction, huge where the ray never moves that way."""
-    return 1.0 / direction if abs(direction) > 1e-300 else 1e300
+    if abs(direction) > 1e-300:
+        return 1.0 / direction
+    return 1e300 if direction >= 0.0 else -1e300
+
+
+@njit(cache=True, nogil=True, inline='always')
+def sum_rounded_up(total, term):
+    """Add to a float32 that must not become less than the sum: a bound stays a bound."""
+    exact = np.float64(total) + term
+    rounded = np.float32(exact)
+    return rounded if rounded >= exact else np.float32(exact * (1.0 + 2.0**-23))
 
 
 @njit(cache=True, nogil=True)
@@ -65,6 +75,7 @@ def trace_rays(
         up[n] = width if uy > 0.0 else -width
         nothing[n] = unseen_log_likelihood(model, reading, reach, length * resolution)
         level, near = level_log_likelihood(model, reading, reach)
+        near_to = min(reading, reach)
         # A ray leaves a cell by its right or left, and by its upper or lower border; one that
         # runs along an axis never meets the border beside it.
         right, upper = (1.0 if ux >= 0.0 else 0.0), (1.0 if uy >= 0.0 else 0.0)
@@ -79,7 +90,7 @@ def trace_rays(
             leaving = max(min(leaving_x, leaving_y), entering)
             distance = (entering + model.depth * (leaving - entering)) * resolution
             value = level
-            if abs(distance - reading) < near:
+            if abs(distance - near_to) < near:
                 value = range_log_likelihood(model, reading, reach, distance)
             likelihood[at + p] = value
             step = np.uint8(0)
@@ -140,10 +151,10 @@ def file_rays(
             bits[i, 1] = likelihood[begin + p]
             positions[i] = p
             cell = following_cell(cell, steps[begin + p], across[n], up[n])
-        lowest = nothing[n]
+        lowest = np.float64(nothing[n])
         for p in range(count - 1, -1, -1):
-            here = likelihood[begin + p]
+            here = np.float64(likelihood[begin + p])
             if here > lowest:
-                gain[cells[p]] += here - lowest
+                gain[cells[p]] = sum_rounded_up(gain[cells[p]], here - lowest)
             else:
                 lowest = here

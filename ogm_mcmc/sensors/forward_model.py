@@ -25,7 +25,8 @@ class ForwardModel(NamedTuple):
                          + short * decay e^(-decay z) / (1 - e^(-decay d)) [z <= d]
       p(no return | d) = missing + hit (1 - Phi((R - d) / sigma)) / Phi(d / sigma)
     and with nothing on the ray the share of hits goes to "no return". Over all ranges in [0, R]
-    and "no return" these sum to 1. Both are strictly positive everywhere.
+    and "no return" these sum to 1 (d = 0 leaves no range to short returns: they count for
+    nothing there). Both are strictly positive everywhere.
 
     `depth` says where inside a cell a beam is reflected, as a share of its way through.
     """

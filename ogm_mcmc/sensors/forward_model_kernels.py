@@ -15,6 +15,9 @@ LOG_SQRT_2PI = 0.5 * math.log(2.0 * math.pi)
 # A hit so many sigma away adds less than 1e-12 to any clutter that may be set.
 FAR = 9.0
 
+# Short returns come from at least so many m in front of the sensor: no room is no density.
+NEAREST = 1e-9
+
 
 @njit(cache=True, nogil=True)
 def below(x):
@@ -27,7 +30,7 @@ def background(model, reading, reach, distance):
     """p(z) without its hit: clutter, and short returns from in front of `distance`."""
     density = model.clutter / reach
     if model.short > 0.0 and reading <= distance:
-        near = min(distance, reach)
+        near = max(min(distance, reach), NEAREST)
         decay = model.short_decay
         density += model.short * decay * math.exp(-decay * reading) / -math.expm1(-decay * near)
     return density
@@ -71,11 +74,14 @@ def unseen_log_likelihood(model, reading, reach, cut):
 def level_log_likelihood(model, reading, reach):
     """Return (level, near): the log-likelihood of every distance at least `near` from a reading.
 
-    `near` is inf where there is no such level. Saves a logarithm for nearly all cells of a ray.
+    Without a return, of those at least `near` from the reach and in front of it. `near` is inf
+    where there is no such level. Saves a logarithm for nearly all cells of a ray.
     """
-    if model.is_gaussian or model.short > 0.0:
-        return 0.0, math.inf
     near = FAR * model.sigma_m
+    if model.is_gaussian:
+        return 0.0, math.inf
     if reading > reach:
-        return math.log(model.missing), math.inf
+        return math.log(model.missing), near
+    if model.short > 0.0:
+        return 0.0, math.inf
     return math.log(model.clutter / reach), near

@@ -29,6 +29,8 @@ def legal_values(leaf):
     """Any value a setting may have."""
     if leaf.choices:
         return st.sampled_from(leaf.choices)
+    if leaf.type is bool:
+        return st.booleans()
     if leaf.type is int:
         return st.integers(int(leaf.low), int(leaf.high))
     return st.floats(leaf.low, leaf.high)
@@ -100,6 +102,23 @@ def test_defaults_are_what_users_were_told():
         'sonar.strength': 0.3,
         'sonar.strength_far': 0.1,
         'sonar.thickness': 0.1,
+        'adaptive.finest_level': 0,
+        'adaptive.coarsest_level': 4,
+        'adaptive.output_level': 0,
+        'adaptive.unknowns': True,
+        'adaptive.way_to_hit': True,
+        'adaptive.significance': 0.05,
+        'adaptive.noise': 0.02,
+        'adaptive.count_limit': 1000.0,
+        'adaptive.merge_free': 0.05,
+        'adaptive.merge_occupied': 0.95,
+        'adaptive.merge_spread': 0.02,
+        'adaptive.merge_margin': 0.1,
+        'random_field.length_scale': 1.0,
+        'random_field.variance': 0.1,
+        'random_field.mean': 0.0,
+        'random_field.drop': 1e-4,
+        'random_field.max_variance': 0.9,
     }
     assert flatten(OutputConfig()) == {
         'output': 'probability',

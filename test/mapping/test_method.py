@@ -14,7 +14,7 @@ from ogm_mcmc.testing.naive import measured_cells
 from ogm_mcmc.testing.strategies import REPEATABLE, fan, poses, scans
 
 # Methods that take either inverse model.
-BEAM_MODELS = ('two_assumption', 'pose_uncertain')
+BEAM_MODELS = ('two_assumption', 'pose_uncertain', 'random_field')
 
 # Every method in every way it can be configured.
 CONFIGS = [

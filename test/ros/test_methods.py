@@ -13,7 +13,10 @@ from nav_msgs.msg import OccupancyGrid
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
 from sensor_msgs.msg import LaserScan, Range
+from std_srvs.srv import Trigger
 
+from ogm_mcmc.geometry import CellBox
+from ogm_mcmc.io.tree_files import load_tree
 from ogm_mcmc.ros.qos import LATCHED
 from ogm_mcmc.simulation import SonarRing
 from ogm_mcmc.testing.ros import NodeProcess, Observer
@@ -166,6 +169,33 @@ def test_safe_settings_take_effect_and_others_are_refused():
             assert f'{name} is fixed at start: what was mapped' in refused.reason
         refused = feed.set('step.l_occ', -1.0)
         assert not refused.successful
+        assert process.stop() == 0, process.output
+
+
+def test_an_adaptive_map_is_shown_and_saved_with_its_tree(tmp_path):
+    chosen = {'method': 'adaptive', 'save_directory': str(tmp_path), 'save_name': 'floor'}
+    with node(**chosen, **{'adaptive.coarsest_level': 3}) as process, Observer() as observer:
+        feed = Feed(observer, ('scan', 'pose'))
+        for k in range(10):
+            feed.pose(1.0 + k)
+            feed.scan(1.0 + k, *[2.0] * 5)
+        feed.expect({(2.05, 0.05): 100, (1.65, 0.05): 0, (0.05, 0.75): 0, (0.05, 0.85): -1})
+        saved = observer.call(Trigger, 'online_mapper/save_map', Trigger.Request())
+        assert saved.success, saved.message
+        method = load_tree(tmp_path / 'floor_tree.npz')
+        assert method.config.adaptive.coarsest_level == 3
+        assert method.probabilities(CellBox(20, 0, 21, 1))[0, 0] > 0.99
+        assert process.stop() == 0, process.output
+
+
+def test_a_random_field_shows_what_lies_beside_a_beam():
+    with node(method='random_field') as process, Observer() as observer:
+        feed = Feed(observer, ('scan', 'pose'))
+        feed.pose(1.0)
+        feed.scan(1.0, 2.0)
+        observer.until(lambda: bool(feed.maps) and feed.value_at(2.05, 0.05) > 50)
+        assert 0 <= feed.value_at(1.05, 0.15) < 50
+        assert feed.value_at(1.05, 0.35) == -1
         assert process.stop() == 0, process.output
 
 

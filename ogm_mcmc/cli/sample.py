@@ -1,0 +1,249 @@
+"""`sample BAG -o DIR`: the full posterior of a bag's scans, for as long as one likes."""
+
+from __future__ import annotations
+
+import argparse
+import threading
+import time
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from tqdm import tqdm
+
+from ogm_mcmc.cli.bag_scans import BagScans, read_bag
+from ogm_mcmc.cli.options import (
+    Subparsers,
+    add_config_options,
+    add_json,
+    add_stream_options,
+    config_from,
+    print_result,
+)
+from ogm_mcmc.cli.sample_files import SampledMaps, write_all
+from ogm_mcmc.cli.sampling_bar import interruptible, sample
+from ogm_mcmc.config import (
+    OutputConfig,
+    PlacingConfig,
+    RecordingConfig,
+    SamplerConfig,
+    StopConfig,
+    flatten,
+    settings_of,
+)
+from ogm_mcmc.errors import OutputError, require
+from ogm_mcmc.geometry import GridMap, GridSpec
+from ogm_mcmc.io.map_files import checked_name, load_grid, writable_folder
+from ogm_mcmc.refinement import Progress, Recording, Refinement, warm_up
+from ogm_mcmc.ros.settings import REFINE_CONFIGS
+
+__all__ = ['add_to']
+
+CONFIGS = (SamplerConfig, StopConfig, RecordingConfig, OutputConfig, PlacingConfig)
+
+# A dotted name goes by its last part too, but where that says too little or something else.
+SHORT = {
+    leaf.name: f'--{leaf.name.rpartition(".")[2].replace("_", "-")}'
+    for leaf in settings_of(SamplerConfig)
+    if not leaf.name.startswith('patch.')
+} | {
+    'model.kind': '--model',
+    'chain.prior': '--cell-prior',
+    'patch.prior': '--prior',
+    'patch.size': '--patch-size',
+    'patch.file': '--prior-file',
+}
+
+
+def add_to(subparsers: Subparsers) -> None:
+    """Declare the command."""
+    parser = subparsers.add_parser(
+        'sample', help='sample maps from the full posterior: their mean, entropy, samples'
+    )
+    parser.add_argument('bag', type=Path, help='ROS 1 bag or rosbag2 with scans and poses')
+    parser.add_argument(
+        '-o', dest='folder', type=Path, required=True, metavar='DIR', help='folder for the map'
+    )
+    parser.add_argument('--name', default='map', help='name of the files')
+    parser.add_argument(
+        '--samples', type=int, default=0, metavar='N', help='write so many whole maps as well'
+    )
+    parser.add_argument(
+        '--thin', type=int, default=10, metavar='T', help='sweeps between maps of one chain'
+    )
+    parser.add_argument(
+        '--state',
+        type=Path,
+        metavar='FILE',
+        help='go on from this file if it is there; save to it',
+    )
+    parser.add_argument(
+        '--start-map', type=Path, metavar='FILE', help='map (.yaml, .npz) where chains start'
+    )
+    parser.add_argument(
+        '--margin', type=float, default=0.03,
+        help='PGM and PNG: known where more certain than the prior by this and two standard '
+        'errors (default: 0.03)',
+    )  # fmt: skip
+    add_config_options(parser, 'sampling', *CONFIGS, without=('output',), short=SHORT)
+    add_stream_options(parser)
+    add_json(parser)
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run the command."""
+    require(options.samples >= 0, 'samples', options.samples, 'expected 0 or more')
+    require(options.thin >= 1, 'thin', options.thin, 'expected at least 1')
+    require(0.0 <= options.margin < 0.5, 'margin', options.margin, 'expected 0 to below 0.5')
+    chosen = _chosen(options)
+    # What cannot be saved is better said before the work than after it.
+    checked_name(options.name)
+    writable_folder(options.folder)
+    if options.state is not None:
+        _check_state_file(options.state)
+    start = None if options.start_map is None else _on_lattice(load_grid(options.start_map))
+    warm_up(chosen.sampler)
+    started = time.perf_counter()
+    bag = read_bag(options, chosen.placing)
+    recording = Recording(chosen.recording)
+    for placement in bag.placements:
+        recording.add(placement)
+    refinement = Refinement(chosen.sampler)
+    refinement.take(recording.snapshot(), start)
+    resumed = 0
+    if options.state is not None and options.state.exists():
+        refinement.resume(options.state)
+        assert refinement.sampler is not None
+        resumed = refinement.sampler.sweeps
+    with interruptible() as interrupted:
+        progress = sample(refinement, chosen.stop, interrupted)
+        maps = _draw(refinement, options, interrupted)
+    result = {
+        **_read(options, bag),
+        **_sampled(refinement, progress, chosen.stop, resumed, len(recording)),
+        'seconds': round(time.perf_counter() - started, 3),
+        'settings': _settings(options, chosen),
+    }
+    if options.state is not None:
+        refinement.save(options.state)
+        result['state'] = str(options.state)
+    sampled = SampledMaps(refinement, maps, options.margin, options.thin)
+    result['files'] = write_all(sampled, chosen.output, result, options.folder, options.name)
+    print_result(options, result, _text(result))
+    return 0
+
+
+class _Chosen(NamedTuple):
+    """All configs of the command."""
+
+    sampler: SamplerConfig
+    stop: StopConfig
+    recording: RecordingConfig
+    output: OutputConfig
+    placing: PlacingConfig
+
+
+def _chosen(options: argparse.Namespace) -> _Chosen:
+    # The YAML of refine_server may name what belongs to its rim: of no use here, but no mistake.
+    read = partial(config_from, options, node='refine_server', node_configs=REFINE_CONFIGS)
+    return _Chosen(
+        read(SamplerConfig),
+        read(StopConfig),
+        read(RecordingConfig),
+        read(OutputConfig),
+        read(PlacingConfig),
+    )
+
+
+def _settings(options: argparse.Namespace, chosen: _Chosen) -> dict[str, Any]:
+    return {
+        **{name: value for config in chosen for name, value in flatten(config).items()},
+        'margin': options.margin,
+        'thin': options.thin,
+        'start_map': None if options.start_map is None else str(options.start_map),
+    }
+
+
+def _check_state_file(path: Path) -> None:
+    if path.is_dir():
+        raise OutputError(f'{path}: is a folder; expected a name for a file')
+    writable_folder(path.parent)
+
+
+def _on_lattice(grid_map: GridMap) -> GridMap:
+    """Name the cells of a map file as the window does, if they lie where its cells do."""
+    spec = grid_map.spec
+    column, row = spec.origin_x_m / spec.resolution_m, spec.origin_y_m / spec.resolution_m
+    if max(abs(column - round(column)), abs(row - round(row))) > 1e-3:
+        return grid_map  # refused, with its origin, by whoever takes it
+    there = GridSpec(spec.resolution_m, spec.width, spec.height, round(column), round(row))
+    return GridMap(there, grid_map.probability)
+
+
+def _draw(
+    refinement: Refinement, options: argparse.Namespace, interrupted: threading.Event
+) -> list[np.ndarray[Any, Any]]:
+    """Draw the whole maps that were asked for; fewer after Ctrl-C."""
+    assert refinement.sampler is not None
+    maps: list[np.ndarray[Any, Any]] = []
+    if options.samples == 0 or interrupted.is_set():
+        return maps
+    with tqdm(total=options.samples, desc='draw', unit=' maps', disable=None) as bar:
+        for cells in refinement.sampler.draw_maps(options.samples, options.thin):
+            maps.append(np.packbits(cells))
+            bar.update()
+            if interrupted.is_set():
+                break
+    return maps
+
+
+def _read(options: argparse.Namespace, bag: BagScans) -> dict[str, Any]:
+    return {
+        'bag': str(options.bag),
+        'scan_topic': ','.join(topic.name for topic in bag.topics.scans),
+        'pose_topic': bag.topics.pose.name,
+        'scans': bag.n_scans,
+        'dropped': bag.dropped,
+    }
+
+
+def _sampled(
+    refinement: Refinement, progress: Progress, stop: StopConfig, resumed: int, scans_used: int
+) -> dict[str, Any]:
+    sampler, index = refinement.sampler, refinement.window.index
+    assert sampler is not None
+    quality = sampler.quality()
+    figures = {
+        # Finite or null: JSON knows no infinity.
+        key: None if isinstance(value, float) and not np.isfinite(value) else value
+        for key, value in progress.as_dict().items()
+        if key != 'seconds'
+    }
+    return {
+        'scans_used': scans_used,
+        'rays': index.n_rays,
+        'pairs': index.n_pairs,
+        'memory_mb': round((index.n_bytes + sampler.n_bytes) / 1e6, 1),
+        'cells': int(sampler.model.touched.size),
+        'undecided_cells': None if quality is None else quality.summary()['undecided_cells'],
+        **figures,
+        'agreeing_share': progress.agreeing_share if stop.r_hat > 0.0 else None,
+        'resumed_at': resumed,
+        'sampling_seconds': round(progress.seconds, 3),
+    }
+
+
+def _text(result: dict[str, Any]) -> str:
+    r_hat = 'unknown' if result['r_hat_p99'] is None else f'{result["r_hat_p99"]:.3f}'
+    share = result['agreeing_share']
+    agreeing = '' if share is None else f', {100.0 * share:.1f} % agree'
+    dropped = ', '.join(f'{count} {reason}' for reason, count in result['dropped'].items())
+    early = '' if result['counted'] else ' before the end of the burn-in: no posterior mean yet'
+    return (
+        f'{result["scans_used"]} of {result["scans"]} scans, {result["rays"]} rays -> '
+        f'{result["files"]["yaml"]}: {result["cells"]} cells, {result["counted"]} sweeps counted '
+        f'of each chain, {result["sweeps_per_s"]:.1f}/s, R-hat {r_hat} (99 %){agreeing}; '
+        f'stopped: {result["reason"]}{early}' + (f'; dropped: {dropped}' if dropped else '')
+    )

@@ -1,0 +1,105 @@
+"""The files that `sample` leaves, written as one set."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ogm_mcmc.arrays import Float32Array, UInt8Array
+from ogm_mcmc.config import OutputConfig
+from ogm_mcmc.errors import OutputError
+from ogm_mcmc.geometry import CellBox, GridMap
+from ogm_mcmc.geometry.grid_map import entropy_bits
+from ogm_mcmc.io.map_files import save_map, save_npz
+from ogm_mcmc.io.sample_files import MapSamples, save_samples
+from ogm_mcmc.plotting import heat_png
+from ogm_mcmc.refinement import Refinement, hide_uncertain
+
+__all__ = ['SampledMaps', 'write_all']
+
+
+class SampledMaps(NamedTuple):
+    """A posterior that was sampled, maps drawn from it (packed bits), and how to show it."""
+
+    refinement: Refinement
+    maps: list[UInt8Array]
+    margin: float
+    thin: int
+
+
+def write_all(
+    sampled: SampledMaps,
+    output: OutputConfig,
+    result: dict[str, Any],
+    folder: Path,
+    name: str,
+) -> dict[str, str]:
+    """Write map, NPZ, entropy, samples and JSON; return the paths by kind.
+
+    PGM and PNG show what is more certain than the prior (`hide_uncertain`); the NPZ holds
+    everything. All files are made under other names first: an old set is replaced as a whole.
+    """
+    refinement, settings = sampled.refinement, result['settings']
+    mean = refinement.map().cropped()
+    paths = {kind: folder / f'{name}.{kind}' for kind in ('npz', 'png', 'pgm', 'yaml')}
+    paths['entropy'] = folder / f'{name}_entropy.png'
+    if sampled.maps:
+        paths['samples'] = folder / f'{name}_samples.npz'
+    files = {kind: str(path) for kind, path in paths.items()}
+    # The JSON is in place before the YAML, which is what others look for.
+    paths = {'json': folder / f'{name}.json', **paths}
+    for path in paths.values():
+        if path.is_dir():
+            raise OutputError(f'{path}: is a folder; expected a name for a file')
+    shape = {
+        'width': mean.spec.width,
+        'height': mean.spec.height,
+        'origin': [mean.spec.origin_x_m, mean.spec.origin_y_m],
+    }
+    result.update(shape)
+    with tempfile.TemporaryDirectory(dir=folder, prefix=f'.{name}-') as scratch:
+        at = {kind: Path(scratch) / path.name for kind, path in paths.items()}
+        layers = _layers(refinement, mean.spec.box)
+        shown = hide_uncertain(mean, refinement.prior, sampled.margin, refinement.draws)
+        save_map(shown, Path(scratch), output, name)
+        save_npz(mean, at['npz'], settings, layers)
+        at['entropy'].write_bytes(heat_png(entropy_bits(mean.probability), 1.0))
+        if sampled.maps:
+            save_samples(_unpacked(sampled, mean), at['samples'], sampled.thin, settings)
+        at['json'].write_text(
+            json.dumps({**result, 'files': files}, indent=2) + '\n', encoding='utf-8'
+        )
+        for kind, path in paths.items():
+            at[kind].replace(path)
+    return files
+
+
+def _layers(refinement: Refinement, box: CellBox) -> dict[str, Float32Array]:
+    """Return `mcse`, `r_hat` and `ess` (height, width) of a box, nan where not known."""
+    assert refinement.sampler is not None
+    quality = refinement.sampler.quality()
+    if quality is None:
+        unknown = np.full(refinement.sampler.model.touched.size, np.nan, np.float32)
+        values = {'mcse': unknown, 'r_hat': unknown, 'ess': unknown}
+    else:
+        values = {'mcse': quality.mcse, 'r_hat': quality.r_hat, 'ess': quality.ess}
+    rows, columns = refinement.window.spec.slices(box)
+    return {
+        name: np.ascontiguousarray(refinement.grid_map(layer).probability[rows, columns])
+        for name, layer in values.items()
+    }
+
+
+def _unpacked(sampled: SampledMaps, mean: GridMap) -> MapSamples:
+    """Return the maps drawn, cropped like the mean."""
+    spec = sampled.refinement.window.spec
+    place = spec.slices(mean.spec.box)
+    maps = np.empty((len(sampled.maps), mean.spec.height, mean.spec.width), np.uint8)
+    for drawn, packed in zip(maps, sampled.maps, strict=True):
+        whole = np.unpackbits(packed, count=spec.height * spec.width)
+        drawn[:] = whole.reshape(spec.height, spec.width)[place]
+    return MapSamples(mean.spec, maps, np.isfinite(mean.probability))

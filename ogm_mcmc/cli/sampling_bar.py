@@ -1,0 +1,61 @@
+"""Sampling as a person at a terminal sees it: a bar, and Ctrl-C as a way to say enough."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import threading
+from collections.abc import Iterator
+from types import FrameType
+
+from tqdm import tqdm
+
+from ogm_mcmc.config import StopConfig
+from ogm_mcmc.refinement import Progress, Refinement
+
+__all__ = ['interruptible', 'sample', 'status']
+
+
+@contextlib.contextmanager
+def interruptible() -> Iterator[threading.Event]:
+    """Yield an event that the first Ctrl-C sets; the second one interrupts as ever."""
+    interrupted = threading.Event()
+    if threading.current_thread() is not threading.main_thread():
+        yield interrupted
+        return
+    before = signal.getsignal(signal.SIGINT)
+
+    def stop(_number: int, _frame: FrameType | None) -> None:
+        interrupted.set()
+        signal.signal(signal.SIGINT, before)
+
+    signal.signal(signal.SIGINT, stop)
+    try:
+        yield interrupted
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def sample(refinement: Refinement, stop: StopConfig, interrupted: threading.Event) -> Progress:
+    """Sample until a limit or Ctrl-C; return the last progress."""
+    rounds = refinement.run(stop, interrupted.is_set)
+    form = '{desc}: {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} sweeps{postfix}'
+    with tqdm(total=stop.max_sweeps, desc='sample', bar_format=form, disable=None) as bar:
+        for progress in rounds:
+            done = round(progress.sweeps_per_s * progress.seconds)
+            bar.set_postfix_str(status(progress, stop, done), refresh=False)
+            bar.update(done - bar.n)
+    return progress
+
+
+def status(progress: Progress, stop: StopConfig, done: int) -> str:
+    """Return what is known while sampling; the time left is that of the nearest limit."""
+    left = stop.max_time - progress.seconds
+    if progress.sweeps_per_s > 0.0:
+        left = min(left, (stop.max_sweeps - done) / progress.sweeps_per_s)
+    # Without a rule for R-hat there is no limit below which chains would agree.
+    share = f', {100.0 * progress.agreeing_share:.1f} % agree' if stop.r_hat > 0.0 else ''
+    return (
+        f'{progress.sweeps_per_s:.1f} sweeps/s, R-hat {progress.r_hat_p99:.3f} (99 %){share}, '
+        f'at most {max(left, 0.0):.0f} s left'
+    )

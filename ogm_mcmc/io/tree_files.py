@@ -1,0 +1,71 @@
+"""Adaptive maps on disk: every leaf, and the settings that made it, as NPZ.
+
+Arrays `level`, `column`, `row` (lower left cell on the lattice of `resolution`), `log_odds`
+(nats, nan where never measured), `hits`, `misses`, one entry per leaf; `settings` as YAML text,
+with dotted names. No matter how the tree was stored in memory, this is what it says.
+"""
+
+from __future__ import annotations
+
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from ogm_mcmc.config import MapperConfig, build, flatten
+from ogm_mcmc.errors import ConfigError, GridError, MapFileError
+from ogm_mcmc.io.map_files import replacing
+from ogm_mcmc.mapping.adaptive import AdaptiveMapper
+from ogm_mcmc.mapping.quadtree_arrays import Leaves
+
+__all__ = ['load_tree', 'save_tree']
+
+TYPES = {
+    'level': np.dtype(np.uint8),
+    'column': np.dtype(np.int64),
+    'row': np.dtype(np.int64),
+    'log_odds': np.dtype(np.float32),
+    'hits': np.dtype(np.float32),
+    'misses': np.dtype(np.float32),
+}
+
+
+def save_tree(method: AdaptiveMapper, path: Path) -> Path:
+    """Write the tree; raises OutputError, and nothing half-written is left."""
+    settings = yaml.safe_dump(flatten(method.config), sort_keys=False)
+    with replacing(path) as temporary, temporary.open('wb') as stream:
+        np.savez_compressed(stream, **method.tree.leaves()._asdict(), settings=np.array(settings))
+    return path
+
+
+def load_tree(path: Path) -> AdaptiveMapper:
+    """Return the map as it was when it was saved, ready for more scans.
+
+    Draws from covariances start again at the seed. Raises MapFileError.
+    """
+    try:
+        with np.load(path) as data:
+            arrays = {name: np.array(data[name]) for name in Leaves._fields}
+            settings = yaml.safe_load(str(data['settings']))
+        config = build(MapperConfig, settings)
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, yaml.YAMLError) as error:
+        raise MapFileError(
+            f'{path}: expected an adaptive map, an NPZ with '
+            f'{", ".join(Leaves._fields)} and settings ({error})'
+        ) from error
+    if config.method != 'adaptive':
+        raise MapFileError(f'{path}: method is {config.method!r}: expected adaptive')
+    shape = arrays['level'].shape
+    for name, kind in TYPES.items():
+        array = arrays[name]
+        if array.dtype != kind or array.shape != shape or array.ndim != 1:
+            raise MapFileError(
+                f'{path}: {name} is {array.dtype} {array.shape}: expected {kind}, one per leaf'
+            )
+    try:
+        method = AdaptiveMapper(config)
+        method.tree.plant(Leaves(**arrays))
+    except (ConfigError, GridError) as error:
+        raise MapFileError(f'{path}: {error}') from error
+    return method

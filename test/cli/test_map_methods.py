@@ -1,0 +1,51 @@
+"""`map` with methods that have more to save than probabilities."""
+
+import json
+
+import numpy as np
+
+from ogm_mcmc.io.tree_files import load_tree
+
+
+def test_adaptive_saves_the_tree_and_says_what_it_takes(run_cli, office_bag, tmp_path):
+    done = run_cli(
+        *('map', office_bag, '-o', 'out', '--json', '--method', 'adaptive'),
+        *('--resolution', '0.1', '--adaptive.coarsest-level', '3', '--no-adaptive.unknowns'),
+    )
+    assert done.returncode == 0, done.stderr
+    result = json.loads(done.stdout)
+    method = load_tree(tmp_path / 'out' / 'map_tree.npz')
+    assert result['files']['tree'] == 'out/map_tree.npz'
+    assert method.config.adaptive.coarsest_level == 3
+    assert not method.config.adaptive.unknowns
+    saved = method.statistics()
+    assert result['tree']['leaves'] == saved.leaves
+    assert result['tree']['leaves_by_level'] == list(saved.leaves_by_level)
+    with np.load(tmp_path / 'out' / 'map.npz') as data:
+        spec = method.spec
+        measured = method.probabilities(spec.box)
+        assert np.isfinite(data['probability']).sum() == np.isfinite(measured).sum()
+    plain = run_cli('map', office_bag, '-o', 'out', '--resolution', '0.1')
+    assert plain.returncode == 0, plain.stderr
+    assert not (tmp_path / 'out' / 'map_tree.npz').exists()
+
+
+def test_levels_out_of_order_are_one_line(run_cli, office_bag):
+    done = run_cli(
+        'map', office_bag, '-o', 'out', '--method', 'adaptive', '--adaptive.finest-level', '9'
+    )
+    assert done.returncode == 2
+    assert 'adaptive.finest_level is 9: must not be above' in done.stderr
+    assert 'Traceback' not in done.stderr
+
+
+def test_random_field_saves_the_variance(run_cli, office_bag, tmp_path):
+    done = run_cli(
+        'map', office_bag, '-o', 'out', '--method', 'random_field', '--resolution', '0.2'
+    )
+    assert done.returncode == 0, done.stderr
+    with np.load(tmp_path / 'out' / 'map.npz') as data:
+        shown = np.isfinite(data['probability'])
+        assert data['variance'].shape == shown.shape
+        assert (data['variance'][shown] < 0.9).all()
+        assert (data['variance'] > 0.0).all()

@@ -1,0 +1,254 @@
+"""`sample`: what it leaves, how it goes on and ends, and the mistakes it names."""
+
+import json
+import os
+import signal
+import threading
+
+import numpy as np
+import pytest
+import yaml
+from PIL import Image
+
+from ogm_mcmc.cli.main import run
+from ogm_mcmc.cli.sample import SHORT
+from ogm_mcmc.cli.sampling_bar import status
+from ogm_mcmc.config import StopConfig
+from ogm_mcmc.io.map_files import load_map, load_npz
+from ogm_mcmc.io.sample_files import load_samples
+from ogm_mcmc.refinement import Progress, Refinement
+
+COARSE = ('--resolution', '0.2', '--beam-stride', '6', '--json')
+FEW = (*COARSE, '--max-sweeps', '80', '--burn-in', '16', '--r-hat', '0')
+
+
+@pytest.fixture
+def sample(office_bag, tmp_path, monkeypatch, capsys):
+    """Run `sample` on the office in this process; returns its JSON."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*options):
+        capsys.readouterr()
+        assert run(['sample', str(office_bag), *map(str, options)]) == 0
+        return json.loads(capsys.readouterr().out)
+
+    return call
+
+
+def probability(folder):
+    with np.load(folder / 'map.npz') as data:
+        return data['probability']
+
+
+def test_all_files_tell_the_same(sample, tmp_path):
+    result = sample('-o', 'out', *FEW, '--samples', '200', '--thin', '2', '--margin', '0.05')
+    out = tmp_path / 'out'
+    names = ('map.json', 'map.npz', 'map.pgm', 'map.png', 'map.yaml', 'map_entropy.png')
+    assert sorted(path.name for path in out.iterdir()) == sorted((*names, 'map_samples.npz'))
+    assert json.loads((out / 'map.json').read_text()) == result
+    assert (result['reason'], result['sweeps'], result['counted']) == ('sweeps', 80, 64)
+    assert result['scans_used'] == 1158
+    # A few beams of a scan are lost.
+    assert 0.99 < result['rays'] / (1158 * 15) <= 1.0
+    with np.load(out / 'map.npz') as data:
+        mean, mcse, r_hat = data['probability'], data['mcse'], data['r_hat']
+        assert yaml.safe_load(str(data['settings'])) == result['settings']
+    assert result['settings']['chain.seed'] == 1
+    assert result['agreeing_share'] is None  # there is no rule to agree by
+    touched = np.isfinite(mean)
+    assert touched.sum() == result['cells'] > 1000
+    assert mean.shape == mcse.shape == r_hat.shape == (result['height'], result['width'])
+    assert np.array_equal(np.isnan(mcse), ~touched)
+    assert np.nanmax(mcse) < 0.5
+    assert np.nanmin(r_hat) > 0.9
+    shown = load_map(out / 'map.yaml').probability
+    # Prior 0.15, margin 0.05: known from a certainty of 0.9 and two standard errors on.
+    certain = np.maximum(mean, 1.0 - mean) > 0.9 + 2.0 * mcse
+    assert np.array_equal(np.isfinite(shown), certain)
+    assert np.array_equal(shown == 1.0, certain & (mean > 0.5))
+    assert (shown == 1.0).sum() > 200
+    with Image.open(out / 'map_entropy.png') as image:
+        assert image.size == (result['width'], result['height'])
+    drawn = load_samples(out / 'map_samples.npz')
+    assert drawn.maps.shape == (200, *mean.shape)
+    assert np.array_equal(drawn.touched, touched)
+    assert not drawn.maps[:, ~touched].any()
+    # Draws of the same chains: their mean is the mean, within what 200 draws allow.
+    error = np.abs(drawn.maps.mean(axis=0) - np.nan_to_num(mean))
+    assert error[touched].mean() < 0.02
+    assert drawn.spec.origin_x_m == pytest.approx(result['origin'][0])
+
+
+def test_a_state_goes_on_as_if_nothing_had_happened(sample, tmp_path):
+    whole = sample('-o', 'whole', *FEW)
+    first = sample('-o', 'parts', *FEW, '--max-sweeps', '50', '--state', 'state.npz')
+    second = sample('-o', 'parts', *FEW, '--max-sweeps', '30', '--state', 'state.npz')
+    assert (first['resumed_at'], second['resumed_at']) == (0, 50)
+    assert second['sweeps'] == whole['sweeps'] == 80
+    assert second['counted'] == whole['counted']
+    assert np.array_equal(
+        probability(tmp_path / 'parts'), probability(tmp_path / 'whole'), equal_nan=True
+    )
+    other = sample('-o', 'other', *FEW, '--seed', '2')
+    assert other['settings']['chain.seed'] == 2
+    assert not np.array_equal(
+        probability(tmp_path / 'other'), probability(tmp_path / 'whole'), equal_nan=True
+    )
+
+
+def test_a_state_of_something_else_is_refused(sample, tmp_path, office_bag, capsys):
+    few = ('-o', 'out', *FEW, '--state', 'state.npz')
+    sample(*few)
+    before = (tmp_path / 'state.npz').read_bytes()
+    for change, reason in (
+        (('--seed', '5'), 'other chain.seed'),
+        (('--clutter', '0.06'), 'other model.clutter'),
+        (('--resolution', '0.25'), 'those of this window'),
+    ):
+        assert run(['sample', str(office_bag), *few, *change]) == 2
+        assert reason in capsys.readouterr().err
+    assert (tmp_path / 'state.npz').read_bytes() == before
+
+
+def test_ctrl_c_ends_sampling_and_saves(sample, tmp_path, monkeypatch):
+    really = Refinement.run
+
+    def soon_interrupted(self, stop, *cancelled):
+        if cancelled:  # not what only warms up
+            threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT)).start()
+        return really(self, stop, *cancelled)
+
+    monkeypatch.setattr(Refinement, 'run', soon_interrupted)
+    handler = signal.getsignal(signal.SIGINT)
+    endless = ('--max-time', '100', '--max-sweeps', '1000000', '--r-hat', '0', '--burn-in', '1')
+    result = sample('-o', 'out', *COARSE, *endless, '--state', 'state.npz', '--samples', '1000000')
+    assert result['reason'] == 'cancelled'
+    assert result['sampling_seconds'] < 20.0
+    assert result['counted'] > 0
+    assert np.isfinite(probability(tmp_path / 'out')).any()
+    assert (tmp_path / 'state.npz').stat().st_size > 0
+    assert 'samples' not in result['files']
+    assert signal.getsignal(signal.SIGINT) is handler
+
+
+def test_the_yaml_of_the_node_and_a_start_map(sample, tmp_path):
+    (tmp_path / 'mine.yaml').write_text(
+        'refine_server:\n  ros__parameters:\n    map_frame: map\n    max_scans: 200\n'
+        '    chain:\n      prior: 0.3\n      seed: 9\n    window:\n      resolution: 0.4\n'
+        'online_mapper:\n  ros__parameters:\n    prior: 0.5\n'
+    )
+    result = sample('-o', 'out', '--params-file', 'mine.yaml', *FEW, '--seed', '3')
+    settings = result['settings']
+    assert (settings['chain.prior'], settings['chain.seed']) == (0.3, 3)
+    assert settings['window.resolution'] == 0.2
+    assert result['scans_used'] == 200
+    # Two chains from one map and without a sweep to forget it: they begin where it says.
+    started = sample('-o', 'again', *FEW, '--max-scans', '200', '--start-map', 'out/map.npz')
+    assert started['settings']['start_map'] == 'out/map.npz'
+    assert load_npz(tmp_path / 'again' / 'map.npz').probability.shape == (
+        result['height'], result['width'],
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ('options', 'reason'),
+    [
+        (['--cell-prior', '0'], 'prior is 0.0'),
+        (['--cell-prior', '1'], 'prior is 1.0'),
+        (['--sigma', '0'], 'sigma is 0.0'),
+        (['--samples', '-1'], 'samples is -1'),
+        (['--thin', '0'], 'thin is 0'),
+        (['--margin', '0.5'], 'margin is 0.5'),
+        (['--r-hat', '0.9'], 'r_hat is 0.9'),
+        (['--max-memory-mb', '1'], 'max_memory_mb = 1'),
+        (['--max-sweeps', '50'], 'expected more than burn_in (50)'),
+        (['--state', 'notes.txt'], 'expected a saved sampling state'),
+        (['--state', 'notes.txt/state'], 'expected a writable folder'),
+        (['--state', '.'], 'is a folder'),
+        (['--start-map', 'notes.txt'], 'expected a map YAML'),
+        (['--start-map', 'coarse.npz'], 'start map with cells of 0.3 m'),
+        (['--start-map', 'between.npz'], 'anchored at (0.1, 0)'),
+        (['--params-file', 'typo.yaml'], "'resolution'"),
+        (['-o', 'notes.txt/out'], 'expected a writable folder'),
+        (['--name', 'a/b'], 'expected a file name'),
+    ],
+    ids=lambda value: ' '.join(value) if isinstance(value, list) else '',
+)
+def test_a_mistake_is_one_line_and_leaves_nothing(
+    office_bag, tmp_path, monkeypatch, capsys, options, reason
+):
+    from ogm_mcmc.geometry import GridMap, GridSpec
+    from ogm_mcmc.io.map_files import save_npz
+
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / 'notes.txt').write_text('nothing of use\n')
+    # A name of online_mapper: here it would silently mean nothing.
+    (tmp_path / 'typo.yaml').write_text('/**:\n  ros__parameters:\n    resolution: 0.2\n')
+    blank = np.zeros((2, 2), np.float32)
+    save_npz(GridMap(GridSpec(0.3, 2, 2), blank), tmp_path / 'coarse.npz', {})
+    save_npz(GridMap(GridSpec(0.2, 2, 2, anchor_x_m=0.1), blank), tmp_path / 'between.npz', {})
+    before = sorted(path for path in tmp_path.rglob('*') if path.is_file())
+    arguments = ['sample', str(office_bag), '-o', 'out', *COARSE]
+    assert run([*arguments, *options]) == 2
+    lines = [line for line in capsys.readouterr().err.splitlines() if 'error' in line]
+    assert len(lines) == 1
+    assert reason in lines[0]
+    assert sorted(path for path in tmp_path.rglob('*') if path.is_file()) == before
+
+
+def test_a_bag_that_says_nothing(tmp_path, capsys):
+    from ogm_mcmc.geometry import Pose2D
+    from ogm_mcmc.io import ros_types
+    from ogm_mcmc.io.bags import BagWriter
+
+    with BagWriter(tmp_path / 'bag') as bag:
+        known = ros_types.pose_with_covariance(1, 'map', Pose2D(), np.zeros((3, 3)))
+        bag.write('/pose', ros_types.POSE, 1, known)
+        ranges = np.full(3, np.inf, np.float32)
+        scan = ros_types.laser_scan(
+            1, 'laser', ranges, angle_min=0.0, angle_increment=0.1, range_max=5.0
+        )
+        bag.write('/scan', ros_types.SCAN, 1, scan)
+    arguments = ['sample', str(tmp_path / 'bag'), '-o', str(tmp_path / 'out')]
+    assert run([*arguments, '--no-return', 'ignore']) == 2
+    assert 'no beam of 1 scans says anything: nothing to sample' in capsys.readouterr().err
+    assert list((tmp_path / 'out').iterdir()) == []
+
+
+def test_an_end_before_the_burn_in_is_said(sample, office_bag, capsys):
+    result = sample('-o', 'out', *COARSE, '--burn-in', '1000', '--max-time', '0.05')
+    assert (result['reason'], result['counted'], result['r_hat_p99']) == ('time', 0, None)
+    arguments = ['-o', 'out', *COARSE[:-1], '--burn-in', '1000', '--max-time', '0.05']
+    assert run(['sample', str(office_bag), *arguments]) == 0
+    assert 'before the end of the burn-in: no posterior mean yet' in capsys.readouterr().out
+
+
+def test_what_the_bar_says():
+    progress = Progress(300, 250, 10.0, 20.0, 0.985, 1.034, 90.0, 0.01, -5.0)
+    # 200 sweeps were done in this run: 100 are left, 5 s; there would be time for 50 s.
+    stop = StopConfig(max_sweeps=300, max_time=60.0)
+    assert status(progress, stop, 200) == (
+        '20.0 sweeps/s, R-hat 1.034 (99 %), 98.5 % agree, at most 5 s left'
+    )
+    assert status(progress, StopConfig(max_sweeps=300, max_time=12.0), 200).endswith('2 s left')
+    assert 'agree' not in status(progress, StopConfig(r_hat=0.0), 200)
+
+
+def test_short_names_are_all_different():
+    assert len(set(SHORT.values())) == len(SHORT)
+    # The prior over patches; that of a cell has another name.
+    assert SHORT['patch.prior'] == '--prior'
+    assert SHORT['chain.prior'] == '--cell-prior'
+
+
+def test_as_a_user_runs_it(run_cli, office_bag, tmp_path):
+    """From a shell, with a person's output; a wrong bag says so before anything else."""
+    few = [option for option in FEW[:-2] if option != '--json']
+    done = run_cli('sample', office_bag, '-o', 'out', *few, '--r-hat', '1.2', '--name', 'm')
+    assert done.returncode == 0, done.stderr
+    assert 'Traceback' not in done.stderr
+    assert (tmp_path / 'out' / 'm.yaml').exists()
+    assert '% agree; stopped: ' in done.stdout
+    done = run_cli('sample', 'nowhere', '-o', 'there')
+    assert done.returncode == 2
+    assert 'nowhere: no such file or folder' in done.stderr

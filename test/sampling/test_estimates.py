@@ -1,0 +1,41 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from sklearn.metrics import mutual_info_score
+
+from ogm_mcmc.sampling.estimates import mutual_information_bits
+from ogm_mcmc.testing.strategies import REPEATABLE
+
+approx = pytest.approx
+
+
+@given(rows=st.lists(st.tuples(*[st.integers(0, 1)] * 4), min_size=1, max_size=40))
+@settings(REPEATABLE, max_examples=40)
+def test_equals_scikit_learn(rows):
+    samples = np.array(rows, np.uint8)
+    found = mutual_information_bits(samples)
+    for a in range(4):
+        for b in range(4):
+            expected = mutual_info_score(samples[:, a], samples[:, b]) / math.log(2.0)
+            assert found[a, b] == approx(expected, abs=1e-9)
+
+
+def test_by_hand():
+    """Equal cells share all, independent ones nothing; a half and its half share 0.311 bits."""
+    samples = np.array([[0, 0, 0, 0], [0, 0, 1, 0], [1, 1, 0, 0], [1, 1, 1, 1]], np.uint8)
+    found = mutual_information_bits(samples)
+    assert found[0, 1] == approx(1.0)
+    assert found[0, 2] == approx(0.0)
+    assert found[0, 3] == approx(0.75 * math.log2(4 / 3) + 0.25 * 2.0 - 0.5)
+    assert found == approx(found.T)
+    assert np.diag(found)[:3] == approx(np.ones(3))
+
+
+def test_no_samples_are_refused():
+    from ogm_mcmc.errors import ConfigError
+
+    with pytest.raises(ConfigError, match='samples is 0: expected at least one'):
+        mutual_information_bits(np.empty((0, 3), np.uint8))

@@ -1,0 +1,282 @@
+"""Chains side by side: repeatable, and taken up again as if nothing had happened."""
+
+import json
+import threading
+
+import numpy as np
+import pytest
+
+from ogm_mcmc.config import ForwardModelConfig, WindowConfig
+from ogm_mcmc.errors import ConfigError, WindowError
+from ogm_mcmc.geometry import Pose2D
+from ogm_mcmc.sampling import CellModel, PosteriorSampler, RayWindow, over_dispersed_starts
+from ogm_mcmc.testing.strategies import fan
+
+approx = pytest.approx
+
+
+def small_model(order='fixed', *, reading=1.6, prior=0.3):
+    window = RayWindow(
+        WindowConfig(resolution=0.5, cut_sigma=0.0), ForwardModelConfig(sigma=0.6, clutter=0.2)
+    )
+    window.add(
+        [
+            (fan(reading, 1.9, increment=0.5, range_max_m=3.0), Pose2D(0.3, 0.4)),
+            (fan(float('inf'), 1.0, increment=0.5, range_max_m=3.0), Pose2D(0.6, 1.3, -0.7)),
+        ]
+    )
+    return CellModel(window.index, float(np.log(prior / (1 - prior))), window.spec.width, order)
+
+
+def sampler_of(model, seed=7, chains=2, burn_in=5):
+    starts = [np.full(model.n_cells, j % 2, np.uint8) for j in range(chains)]
+    return PosteriorSampler(model, starts, seed=seed, burn_in=burn_in)
+
+
+def assert_same(one, other):
+    assert one.sweeps == other.sweeps
+    assert one.counted == other.counted
+    for a, b in zip(one.states, other.states, strict=True):
+        assert np.array_equal(a.cells, b.cells)
+        assert np.array_equal(a.records, b.records)
+    for a, b in zip(one.counts, other.counts, strict=True):
+        assert (a.batch_length, a.full, a.in_last) == (b.batch_length, b.full, b.in_last)
+        assert np.array_equal(a.counts, b.counts)
+        assert a.counts.dtype == b.counts.dtype
+    assert np.array_equal(one.estimate().mean, other.estimate().mean)
+
+
+# -- repeatable -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('order', ['fixed', 'random'])
+def test_same_seed_same_result_however_sweeps_are_asked_for(order):
+    model = small_model(order)
+    at_once, one_by_one, others = (sampler_of(model) for _ in range(3))
+    flips = at_once.advance(60)
+    assert flips == sum(one_by_one.advance(1) for _ in range(60))
+    for n in (3, 0, 40, 17):
+        others.advance(n)
+    assert_same(at_once, one_by_one)
+    assert_same(at_once, others)
+    assert at_once.counted == 55
+    another = sampler_of(model, seed=8)
+    another.advance(60)
+    assert not np.array_equal(another.estimate().mean, at_once.estimate().mean)
+
+
+def test_threads_make_no_difference():
+    """A chain draws the same alone, beside others, and while the processor is busy."""
+    model = small_model()
+    both = sampler_of(model, chains=4)
+    stop = threading.Event()
+
+    def keep_busy():
+        while not stop.is_set():
+            sum(range(100))
+
+    busy = threading.Thread(target=keep_busy)
+    busy.start()
+    both.advance(30)
+    stop.set()
+    busy.join()
+    in_turn = sampler_of(model, chains=4)
+    for chain in (2, 0, 3, 1):
+        in_turn._advance_one(chain, 30)
+    in_turn.sweeps = 30
+    assert_same(both, in_turn)
+    # And chains differ from each other.
+    assert len({state.cells.tobytes() for state in both.states}) > 1
+
+
+def test_mean_is_that_of_the_counted_maps():
+    model = small_model()
+    sampler = sampler_of(model, burn_in=4)
+    maps = []
+    for _ in range(25):
+        sampler.advance(1)
+        maps.append([state.cells[model.touched] for state in sampler.states])
+        if sampler.sweeps <= 4:  # there is always an estimate
+            assert sampler.estimate().mean == approx(np.mean(maps[-1], axis=0))
+    assert sampler.estimate().sweeps == sampler.counted == 21
+    assert sampler.estimate().mean == approx(np.mean(maps[4:], axis=(0, 1)), abs=1e-6)
+    assert sampler.log_likelihoods() == [model.log_likelihood(state) for state in sampler.states]
+
+
+def test_thinned_maps_are_those_of_the_chains():
+    model = small_model()
+    sampler, twin = sampler_of(model), sampler_of(model)
+    drawn = list(sampler.draw_maps(5, thin=3))
+    expected = []
+    for _ in range(3):
+        twin.advance(3)
+        expected += [state.cells.copy() for state in twin.states]
+    assert [m.tolist() for m in drawn] == [m.tolist() for m in expected[:5]]
+    with pytest.raises(ConfigError, match='thin is 0: expected at least 1'):
+        list(sampler.draw_maps(1, thin=0))
+
+
+def test_memory_is_reported():
+    model = small_model()
+    sampler = sampler_of(model, chains=3)
+    n_rays, n_touched = model.index.n_rays, model.touched.size
+    assert sampler.n_bytes == 3 * (model.n_cells + 8 * n_rays + 16 * 2 * n_touched)
+
+
+# -- starts ---------------------------------------------------------------------------------------
+
+
+def starts_of(kind, n_chains=5, n_cells=400, live=None, free=None):
+    nothing = np.zeros(n_cells, np.uint8)
+    return over_dispersed_starts(
+        kind,
+        n_chains,
+        nothing if live is None else live,
+        0.25,
+        1,
+        nothing != 0 if free is None else free,
+    )
+
+
+def test_dispersed_starts_are_far_apart_but_for_free_cells():
+    live = (np.arange(400) % 7 == 0).astype(np.uint8)
+    free = (np.arange(400) < 100) & (live == 0)
+    starts = starts_of('dispersed', live=live, free=free)
+    assert np.array_equal(starts[0], live)
+    assert np.array_equal(starts[1], ~free)
+    assert not starts[2].any()
+    assert not starts[3][free].any()
+    assert 0.15 < starts[3][~free].mean() < 0.35
+    assert np.array_equal(starts[4], live)
+    starts[0][:] = 9
+    assert live.max() == 1  # a copy
+
+
+@pytest.mark.parametrize(
+    ('kind', 'mean'), [('free', 0.0), ('occupied', 1.0), ('prior', 0.25), ('live', 0.0)]
+)
+def test_starts_of_one_kind(kind, mean):
+    free = np.arange(2000) < 700  # of no matter to these
+    starts = starts_of(kind, 2, 2000, free=free)
+    for start in starts:
+        assert start.dtype == np.uint8
+        assert start.mean() == approx(mean, abs=0.04)
+    again = starts_of(kind, 2, 2000)
+    assert [s.tolist() for s in again] == [s.tolist() for s in starts]
+    if kind == 'prior':
+        assert not np.array_equal(starts[0], starts[1])
+
+
+# -- files ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('sweeps', [0, 3, 30, 200])
+def test_saved_chains_go_on_as_if_nothing_had_happened(tmp_path, sweeps):
+    model = small_model('random')
+    whole, first = sampler_of(model, chains=3), sampler_of(model, chains=3)
+    whole.advance(sweeps + 50)
+    first.advance(sweeps)
+    settings = {'chain.seed': 7, 'model.kind': 'beam'}
+    first.save(tmp_path / 'state.npz', settings)
+    taken_up, found = PosteriorSampler.load(tmp_path / 'state.npz', small_model('random'))
+    assert found == settings
+    assert_same(taken_up, first)
+    taken_up.advance(50)
+    assert_same(taken_up, whole)
+
+
+@pytest.fixture
+def saved(tmp_path):
+    sampler = sampler_of(small_model())
+    sampler.advance(40)
+    sampler.save(tmp_path / 'state.npz', {})
+    return tmp_path / 'state.npz'
+
+
+def refused(path, model=None):
+    with pytest.raises(WindowError) as caught:
+        PosteriorSampler.load(path, model or small_model())
+    message = str(caught.value)
+    assert message.startswith(f'{path}: ')
+    assert 'expected' in message
+    assert '\n' not in message
+    return message
+
+
+@pytest.mark.parametrize('share', [0.0, 0.02, 0.3, 0.7, 0.99])
+def test_a_truncated_file_is_refused(saved, share):
+    content = saved.read_bytes()
+    saved.write_bytes(content[: int(share * len(content))])
+    assert 'expected a saved sampling state' in refused(saved)
+
+
+def test_a_damaged_file_is_refused(saved):
+    """Whatever byte was changed: a clear line, or (in padding and names) no harm."""
+    content = bytearray(saved.read_bytes())
+    rng = np.random.default_rng(3)
+    reasons = []
+    for at in rng.integers(0, len(content), 60):
+        damaged = content.copy()
+        damaged[at] ^= 0xFF
+        saved.write_bytes(damaged)
+        try:
+            PosteriorSampler.load(saved, small_model())
+        except WindowError as error:
+            reasons.append(str(error))
+    assert len(reasons) > 30
+    assert not any('\n' in reason for reason in reasons)
+
+
+def test_other_files_are_refused(tmp_path):
+    assert 'No such file' in refused(tmp_path / 'missing.npz')
+    (tmp_path / 'text.npz').write_text('P5 10 10 255\n')
+    refused(tmp_path / 'text.npz')
+    np.save(tmp_path / 'array.npy', np.zeros(3))
+    refused(tmp_path / 'array.npy')
+    np.savez(tmp_path / 'other.npz', mean=np.zeros(3))
+    refused(tmp_path / 'other.npz')
+    np.savez(tmp_path / 'list.npz', header=np.array('[1, 2]'))
+    refused(tmp_path / 'list.npz')
+    refused(tmp_path)
+
+
+def rewritten(path, header=None, **arrays):
+    with np.load(path) as data:
+        content = {name: data[name] for name in data.files}
+    if header is not None:
+        changed = {**json.loads(str(content['header'])), **header}
+        content['header'] = np.array(json.dumps(changed))
+    np.savez(path, **{**content, **arrays})
+
+
+@pytest.mark.parametrize(
+    'change',
+    [
+        {'header': {'version': 2}},
+        {'header': {'chains': 3}},
+        {'header': {'generators': []}},
+        {'header': {'sweeps': -4}},
+        {'counts_0': np.zeros((16, 2), np.uint16)},
+        {'counts_1': np.zeros((3, 12), np.uint16)},
+        {'counts_0': np.zeros(0)},
+        {'progress_0': np.array([1, 99, 0])},
+        {'progress_1': np.array([1])},
+        {'cells_0': np.zeros(1, np.uint8)},
+    ],
+)
+def test_contents_that_do_not_fit_are_refused(saved, change):
+    """They would be written to out of bounds later."""
+    rewritten(saved, **change)
+    refused(saved)
+
+
+def test_another_window_is_refused(saved):
+    """Of another size, and of the same size with other readings or other cells."""
+    window = RayWindow(WindowConfig(resolution=0.5), ForwardModelConfig(sigma=0.6))
+    window.add([(fan(1.0, range_max_m=3.0), Pose2D(0.3, 0.4))])
+    other = CellModel(window.index, 0.0, window.spec.width)
+    assert 'those of this window' in refused(saved, other)
+    same_size = small_model(reading=1.7)
+    assert same_size.touched.size == small_model().touched.size
+    assert same_size.n_cells == small_model().n_cells
+    assert 'this window' in refused(saved, same_size)
