@@ -34,6 +34,9 @@ QUICK = {
     'model.sigma': 0.03,
     'map_update_interval': 0.2,
     'niceness': 0,
+    # Of independent cells: they mix in a few sweeps.
+    'patch.prior': 'uniform',
+    'patch.size': 1,
 }
 ENDLESS = {'max_time': 1000.0, 'max_sweeps': 10**8, 'r_hat': 0.0}
 
