@@ -94,16 +94,22 @@ class PatchModel:
 
     def advance(self, rng: Generator, state: GibbsState, *, settling: bool = False) -> int:
         """Draw K / L patches in place; return the number of flipped cells."""
+        return self.draw_patches(rng, self.order_of_sweep(rng), state, self._escape(settling))
+
+    def draw_patches(
+        self, rng: Generator, corners: AnyArray, state: GibbsState, escape: float
+    ) -> int:
+        """Draw the patches with these lower left cells (P,) int32 in turn, in place."""
         index, table = self.index, self.table
         return int(
             sweep_patches(
                 rng,
-                self._order(rng),
+                corners,
                 table.side,
                 self.width,
                 self._inner,
                 self._ring,
-                self._escape(settling),
+                escape,
                 self.random_share,
                 table.entry_of_border,
                 table.start,
@@ -131,7 +137,8 @@ class PatchModel:
             return 0.0
         return 1.0 if settling else self.escape
 
-    def _order(self, rng: Generator) -> AnyArray:
+    def order_of_sweep(self, rng: Generator) -> AnyArray:
+        """Return the lower left cells (P,) int32 of the patches of one sweep, in turn."""
         side = self.table.side
         if self.order == 'random':
             count = max(1, self._corners.size // side**2)
