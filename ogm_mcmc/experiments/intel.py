@@ -27,7 +27,10 @@ from ogm_mcmc.mapping import make_method
 __all__ = [
     'CELL_PRIOR',
     'POSE_STRIDES',
+    'RANGE_MAX_M',
+    'THRESHOLD',
     'Benchmark',
+    'Placed',
     'Split',
     'benchmark_of',
     'data_folder',
