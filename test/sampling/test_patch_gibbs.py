@@ -13,7 +13,7 @@ from ogm_mcmc.geometry import CellBox, Pose2D
 from ogm_mcmc.io.prior_files import default_prior_file, load_prior
 from ogm_mcmc.sampling import CellModel, PosteriorSampler, RayWindow
 from ogm_mcmc.sampling.patch_gibbs import PatchModel
-from ogm_mcmc.sampling.patch_gibbs_kernels import add_likelihoods
+from ogm_mcmc.sampling.patch_gibbs_kernels import add_likelihoods, scratch
 from ogm_mcmc.sampling.patch_patterns import images, join, split
 from ogm_mcmc.sampling.patch_prior import PatchTable, make_table
 from ogm_mcmc.testing import naive_patch_sampler as naive
@@ -93,11 +93,13 @@ def test_scores_are_differences_of_the_likelihood(model, side):
         for row in range(1, HEIGHT - side):
             for column in range(1, WIDTH - side):
                 scores = np.zeros(options.size)
+                _, *memory = scratch(side, options.size)
                 add_likelihoods(
-                    options, scores, options.size, row * WIDTH + column, side, WIDTH,
+                    options, scores, options.size, *memory, row * WIDTH + column, side, WIDTH,
                     state.cells, state.records, state.records.view(np.float32),
-                    index.cell_start, index.pairs, index.positions, index.ray_start, index.steps,
-                    index.across, index.up, index.ray_likelihood, index.nothing,
+                    index.cell_start, index.pairs, index.pairs.view(np.float32), index.positions,
+                    index.ray_start, index.steps, index.across, index.up, index.ray_likelihood,
+                    index.nothing,
                 )  # fmt: skip
                 slow = np.array(
                     [
