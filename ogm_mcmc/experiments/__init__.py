@@ -23,7 +23,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, Protocol
 
-from ogm_mcmc.experiments import counting, patch_intel, patch_sim_traditional, pose_particles
+from ogm_mcmc.experiments import (
+    counting,
+    patch_intel,
+    patch_sim_traditional,
+    patch_toy,
+    pose_particles,
+)
 from ogm_mcmc.experiments.datasets import run_all
 from ogm_mcmc.experiments.results import make_page, row
 
@@ -42,5 +48,6 @@ EXPERIMENTS: dict[str, Run] = {
     'counting': counting.run,
     'patch-intel': patch_intel.run,
     'patch-sim-traditional': patch_sim_traditional.run,
+    'patch-toy': patch_toy.run,
     'pose-particles': pose_particles.run,
 }

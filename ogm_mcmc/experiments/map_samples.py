@@ -20,7 +20,13 @@ from ogm_mcmc.config import (
 )
 from ogm_mcmc.geometry import CellBox, GridMap, GridSpec, Pose2D, Scan
 from ogm_mcmc.io.prior_files import default_prior_file, load_prior
-from ogm_mcmc.sampling import CellModel, PosteriorModel, PosteriorSampler, RayWindow
+from ogm_mcmc.sampling import (
+    CellModel,
+    PosteriorModel,
+    PosteriorSampler,
+    RayWindow,
+    over_dispersed_starts,
+)
 from ogm_mcmc.sampling.patch_gibbs import PatchModel
 from ogm_mcmc.sampling.patch_prior import make_table
 
@@ -45,7 +51,7 @@ class SampledMap(NamedTuple):
 
 
 def config_of(
-    method: str,
+    patch: PatchConfig,
     resolution_m: float,
     model: ForwardModelConfig,
     *,
@@ -66,7 +72,7 @@ def config_of(
             burn_in=burn_in,
             seed=seed,
         ),
-        patch=METHODS[method],
+        patch=patch,
     )
 
 
@@ -109,7 +115,7 @@ def sample_map(
     sweeps: int,
     kept: int = 0,
 ) -> SampledMap:
-    """Sample `sweeps` maps after the burn-in and keep `kept` of them, evenly spaced.
+    """Sample `sweeps` maps a chain after the burn-in and keep `kept` of the first, evenly spaced.
 
     Cells of `start` that are unknown, and cells outside of what is sampled, have the prior.
     The time per sample is that of the processor, without the burn-in.
@@ -118,8 +124,12 @@ def sample_map(
     model = model_of(config, window)
     chain, spec = config.chain, window.spec
     known = np.nan_to_num(start.probability, nan=chain.prior)
-    cells: UInt8Array = (known >= chain.start_threshold).astype(np.uint8).reshape(-1)
-    sampler = PosteriorSampler(model, [cells], seed=chain.seed, burn_in=chain.burn_in)
+    live: UInt8Array = (known >= chain.start_threshold).astype(np.uint8).reshape(-1)
+    free = np.nan_to_num(start.probability, nan=1.0).reshape(-1) < 0.5
+    starts = over_dispersed_starts(
+        chain.start, chain.chains, live, chain.prior, chain.seed, free
+    )
+    sampler = PosteriorSampler(model, starts, seed=chain.seed, burn_in=chain.burn_in)
     sampler.advance(chain.burn_in)
     samples, seconds, done = [], 0.0, 0
     for part in range(max(kept, 1)):
@@ -135,7 +145,8 @@ def sample_map(
     if not config.patch.single_cells and config.patch.prior != 'uniform':
         settings['patch.file'] = default_prior_file().name
     mean = _on(spec, model.touched, sampler.estimate().mean, chain.prior)
-    return SampledMap(mean, samples, seconds / sweeps, window.index.n_rays, settings)
+    per_sample = seconds / (sweeps * chain.chains)
+    return SampledMap(mean, samples, per_sample, window.index.n_rays, settings)
 
 
 def _on(spec: GridSpec, touched: AnyArray, values: AnyArray, prior: float) -> GridMap:
