@@ -27,8 +27,10 @@ from ogm_mcmc.experiments import (
     adaptive,
     counting,
     gibbs_1d,
+    patch_intel,
     patch_mutual_information,
     patch_sim_traditional,
+    patch_toy,
     pose_particles,
     random_field,
 )
@@ -50,8 +52,10 @@ EXPERIMENTS: dict[str, Run] = {
     'adaptive': adaptive.run,
     'counting': counting.run,
     'gibbs-1d': gibbs_1d.run,
+    'patch-intel': patch_intel.run,
     'patch-mutual-information': patch_mutual_information.run,
     'patch-sim-traditional': patch_sim_traditional.run,
+    'patch-toy': patch_toy.run,
     'pose-particles': pose_particles.run,
     'random-field': random_field.run,
 }

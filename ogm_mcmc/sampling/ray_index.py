@@ -20,6 +20,9 @@ __all__ = ['BeamRays', 'RayIndex', 'RayWindow', 'WindowSize']
 # A position on a ray is a uint16, and the last one stands for "nothing".
 MAX_POSITIONS = 65_000
 
+# Rays end so far inside of the limits of a window, cells: more than rounding takes them outside.
+RIM = 1e-6
+
 
 class BeamRays(NamedTuple):
     """N rays (all arrays (N,)): sensor cell `column`, `row`, the sensor in it at `x`, `y`;
@@ -112,13 +115,23 @@ class RayWindow:
 
     Adding scans changes the arrays of `index` in place and replaces the tuple: whoever samples
     from an index must stop before more is added.
+
+    With `limits`, a box of lattice cells, the window is that box. A beam that leaves it says that
+    nothing is on its way up to there, like one that is longer than the sensor reaches; sensors
+    outside are left out.
     """
 
     def __init__(
-        self, config: WindowConfig, model: ForwardModelConfig, *, margin: int = 0
+        self,
+        config: WindowConfig,
+        model: ForwardModelConfig,
+        *,
+        margin: int = 0,
+        limits: CellBox | None = None,
     ) -> None:
         self.config = config
         self.margin = margin  # cells beyond all rays that belong to the window, too
+        self.limits = limits
         self.model_config = model
         self.model = ForwardModel.from_config(model)
         self.spec = GridSpec(config.resolution, 1, 1)
@@ -134,6 +147,7 @@ class RayWindow:
         if rays is None:
             return 0
         first_ray = self.index.n_rays
+        box = box if self.limits is None else self.limits
         spec = self.spec.windowed(self.spec.box.union(box) if first_ray else box)
         at_most = self.index.n_pairs + int(_most_cells(rays).sum())
         self._check_memory(WindowSize(first_ray + rays.length.size, at_most, spec.box))
@@ -159,6 +173,8 @@ class RayWindow:
         parts, box = [], CellBox(0, 0, 0, 0)
         for scan, sensor in placements:
             rays = self._cast_one(scan, sensor)
+            if self.limits is not None:
+                rays = _limited(rays, self.limits, self.config.resolution)
             if rays.length.size:
                 parts.append(rays)
                 box = box.union(self._box_around(rays))
@@ -234,6 +250,27 @@ class RayWindow:
                 f'max_memory_mb = {self.config.max_memory_mb:g}; use fewer scans, a larger '
                 'beam_stride, resolution or cut_sigma'
             )
+
+
+def _limited(rays: BeamRays, box: CellBox, resolution: float) -> BeamRays:
+    """Return the rays of one scan as a sensor sees them that reaches to the rim of a box."""
+    if not rays.length.size:
+        return rays
+    column, row = int(rays.column[0]), int(rays.row[0])
+    if not (box.column0 <= column < box.column1 and box.row0 <= row < box.row1):
+        return BeamRays(*(array[:0] for array in rays))
+    with np.errstate(divide='ignore', invalid='ignore'):
+        side = np.where(rays.ux > 0.0, box.column1 - column, box.column0 - column)
+        up_to = np.where(rays.uy > 0.0, box.row1 - row, box.row0 - row)
+        to_side = np.where(rays.ux == 0.0, np.inf, (side - rays.x) / rays.ux)
+        to_end = np.where(rays.uy == 0.0, np.inf, (up_to - rays.y) / rays.uy)
+    rim = np.maximum(np.minimum(to_side, to_end) - RIM, 0.0)
+    reach = np.minimum(rays.reach, np.maximum(rim, RIM) * resolution)
+    return rays._replace(
+        length=np.minimum(rays.length, rim),
+        reading=np.where(rays.reading <= reach, rays.reading, np.inf),
+        reach=reach,
+    )
 
 
 def _most_cells(rays: BeamRays) -> AnyArray:
