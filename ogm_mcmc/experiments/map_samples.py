@@ -126,9 +126,7 @@ def sample_map(
     known = np.nan_to_num(start.probability, nan=chain.prior)
     live: UInt8Array = (known >= chain.start_threshold).astype(np.uint8).reshape(-1)
     free = np.nan_to_num(start.probability, nan=1.0).reshape(-1) < 0.5
-    starts = over_dispersed_starts(
-        chain.start, chain.chains, live, chain.prior, chain.seed, free
-    )
+    starts = over_dispersed_starts(chain.start, chain.chains, live, chain.prior, chain.seed, free)
     sampler = PosteriorSampler(model, starts, seed=chain.seed, burn_in=chain.burn_in)
     sampler.advance(chain.burn_in)
     samples, seconds, done = [], 0.0, 0

@@ -72,9 +72,7 @@ def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
             seconds[what] = None
             continue
         remark = f'burn-in {burn_in}, {sweeps} sweeps, {found.settings.get("patch.file", "")}'
-        rows.append(
-            row(f'{what}: s per map sample', found.seconds_per_sample, published, remark)
-        )
+        rows.append(row(f'{what}: s per map sample', found.seconds_per_sample, published, remark))
         seconds[what] = found.seconds_per_sample
         if (size, prior) in ((1, 'uniform'), (9, 'border')):
             maps[what] = found.mean
@@ -103,9 +101,9 @@ def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
         },
         'seconds_per_sample': seconds,
         'notes': [
-            'Published times: Matlab, a 2.7 GHz i7-6820HQ. Ours: one core, processor time, without '
-            'the burn-in.',
-            'L = 25 with border needs windows of 7 x 7 cells, which [patch] does not count either.',
+            'Published times: Matlab, a 2.7 GHz i7-6820HQ. Ours: one core, processor time, '
+            'without the burn-in.',
+            'L = 25 with border needs 7 x 7 windows, which [patch] does not count, either.',
         ],
     }
 

@@ -164,7 +164,9 @@ def disagreement(seen, expected):
 
 
 @pytest.mark.parametrize('present', [0, 73, 341], ids=['free', 'listed', 'not listed'])
-@pytest.mark.parametrize(('name', 'escape'), [('uniform', 0.3), ('handmade', 0.3), ('border', 1.0)])
+@pytest.mark.parametrize(
+    ('name', 'escape'), [('uniform', 0.3), ('handmade', 0.3), ('border', 1.0)]
+)
 def test_kernel_draws_as_its_twin(name, escape, present, buildings):
     index = window_of(two_scans()).index
     table = table_of(name, buildings)
