@@ -45,7 +45,9 @@ def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
     scans = toy_scans(world, np.random.default_rng(seed))
     live = live_map(world, scans)
     share = 10 if quick else 1
-    rows, seconds, pictures = [], {}, {}
+    rows: list[dict[str, Any]] = []
+    seconds: dict[str, float | None] = {}
+    pictures: dict[str, str] = {}
     settings: dict[str, Any] = {}
     maps = {'truth': world.truth(), 'traditional': live}
     for (size, prior), published in PUBLISHED.items():
