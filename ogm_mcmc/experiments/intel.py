@@ -1,4 +1,4 @@
-"""The Intel Research Lab as [patch] section IV uses it: benchmark, experiments 1 to 3, what is left.
+"""The Intel Research Lab as [patch] section IV uses it: benchmark, experiments, what is left.
 
 Every beam of 910 poses makes the benchmark. Experiment 1 takes every second beam of all poses,
 2 of every second pose, 3 of every tenth pose (Table III). What an experiment does not take is

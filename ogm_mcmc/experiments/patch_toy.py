@@ -45,7 +45,9 @@ def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
     scans = toy_scans(world, np.random.default_rng(seed))
     live = live_map(world, scans)
     share = 10 if quick else 1
-    rows, seconds, pictures = [], {}, {}
+    rows: list[dict[str, Any]] = []
+    seconds: dict[str, float | None] = {}
+    pictures: dict[str, str] = {}
     settings: dict[str, Any] = {}
     maps = {'truth': world.truth(), 'traditional': live}
     for (size, prior), published in PUBLISHED.items():
@@ -101,9 +103,9 @@ def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
         },
         'seconds_per_sample': seconds,
         'notes': [
-            'Published times: Matlab, a 2.7 GHz i7-6820HQ. Ours: one core, processor time, without '
-            'the burn-in.',
-            'L = 25 with border needs windows of 7 x 7 cells, which [patch] does not count either.',
+            'Published times: Matlab, a 2.7 GHz i7-6820HQ. Ours: one core, processor time, '
+            'without the burn-in.',
+            'L = 25 with border needs 7 x 7 windows, which [patch] does not count, either.',
         ],
     }
 

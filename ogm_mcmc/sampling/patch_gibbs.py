@@ -32,8 +32,8 @@ Design note: what a sweep costs
 Intel, experiment 1 of [patch], cells of 2 cm: 248 502 patches a sweep. Of them 80 % have one
 candidate. Looking all borders up takes 3 ms; nearly all the time goes to the other 50 000 patches
 with 10 candidates on average, 1.4 million pairs of ray and cell, half a million of them reached.
-Tried on one state of the chain after 60 sweeps (processor time, ms, best of seven, in turn on a
-machine busy with other things; first patches with several candidates, then those with one, of which
+Tried on one state of the chain after 60 sweeps (processor time, ms, best of seven, on a machine
+busy with other things; first patches with several candidates, then those with one, of which
 `escape` looks at one in fifty):
 
 ====================================================================================  ==  ==

@@ -45,8 +45,8 @@ class RayIndex(NamedTuple):
 
     By cell: cell k owns rows `cell_start[k]` to `cell_start[k + 1]` (K + 1,) int64 of `pairs`
     (T, 2) int32, the ray and, as the bits of a float32, log p(z | this cell is its first hit),
-    and of `positions` (T,) uint16, the cell's place on the ray; `gain` (K,) float32 is the most
-    that its rays can add to its log-odds.
+    and of `positions` (T,) uint16, the cell's place on the ray; rays come in rising order;
+    `gain` (K,) float32 is the most that its rays can add to its log-odds.
     By ray: ray n owns `ray_start[n]` to `ray_start[n + 1]` (N + 1,) int64 of `steps` (T,) uint8
     and `ray_likelihood` (T,) float32; it begins in `first_cell` (N,) int32 and goes on by
     `across` and `up` (N,) int32; `nothing` (N,) float32, log p(z | no cell of the ray is hit).

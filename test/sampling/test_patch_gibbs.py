@@ -32,7 +32,8 @@ def window_of(scans, width=WIDTH, height=HEIGHT, model=MODELS[0], cut_sigma=0.0)
         model,
         limits=CellBox(0, 0, width, height),
     )
-    window.add(scans)
+    for placed in scans:  # one by one, as they come in
+        window.add([placed])
     return window
 
 
@@ -163,6 +164,7 @@ def disagreement(seen, expected):
     return (sum(terms) - freedom) / math.sqrt(2.0 * freedom)
 
 
+@pytest.mark.jit
 @pytest.mark.parametrize('present', [0, 73, 341], ids=['free', 'listed', 'not listed'])
 @pytest.mark.parametrize(
     ('name', 'escape'), [('uniform', 0.3), ('handmade', 0.3), ('border', 1.0)]
@@ -182,6 +184,7 @@ def test_kernel_draws_as_its_twin(name, escape, present, buildings):
     assert abs(disagreement(seen, draw.transition(escape)[present])) < 4.0
 
 
+@pytest.mark.jit
 def test_published_variant_draws_as_its_twin():
     index = window_of(two_scans()).index
     cells = some_map(np.random.default_rng(5))
@@ -224,6 +227,7 @@ def test_records_equal_a_rescan(name, order, random_share, buildings):
     assert np.array_equal(state.cells.reshape(height, width)[rim], at_rim)
 
 
+@pytest.mark.jit
 def test_patches_and_cells_find_the_exact_marginals():
     # The rays stay inside of what patches can change: 9 cells in the middle of 5 x 5.
     scan = fan(0.9, 1.4, 1.9, 0.6, increment=0.35, bearing=-0.4, range_max_m=2.2)
@@ -295,6 +299,7 @@ def test_published_algorithm_is_biased_and_ours_is_not():
     assert bias[0.1] == pytest.approx(10.0 * bias[0.01], rel=0.3)  # grows with the rate
 
 
+@pytest.mark.jit
 def test_kernel_has_the_bias_of_the_published_algorithm():
     index, free = three_cells()
     table = make_table('uniform', 1, p_occupied=0.3)
