@@ -33,12 +33,15 @@ setup(
         'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
         # Curves and pictures of `evaluate` and `experiment`.
         'plots': ['matplotlib>=3.7'],
+        # Chains and data sets on other machines (`--scheduler`).
+        'cluster': ['distributed>=2024.1'],
         'test': [
             'pytest>=7.4',
             'hypothesis>=6.90',
             'matplotlib>=3.7',
             'scipy>=1.11',
             'scikit-learn>=1.3',
+            'distributed>=2024.1',
             'ruff>=0.9',
             'mypy>=1.10',
             'import-linter>=2.0',

@@ -6,6 +6,7 @@ Every message names the thing, the offending value and what was expected. The li
 
 __all__ = [
     'BagError',
+    'ClusterError',
     'ConfigError',
     'GridError',
     'LogError',
@@ -58,6 +59,10 @@ class WindowError(OgmError, ValueError):
 
 class PriorError(OgmError, ValueError):
     """A patch prior that cannot be learned, read or used."""
+
+
+class ClusterError(OgmError, RuntimeError):
+    """A cluster that does not answer, or lost work for good."""
 
 
 class OutputError(OgmError, OSError):

@@ -57,9 +57,6 @@ __all__ = [
     'warm_up',
 ]
 
-# Long enough that Python costs nothing, short enough that a stop is not waited for.
-ROUND_S = 0.1
-
 # Judging chains takes a look at every batch of every cell: at most this share of the time.
 JUDGING_SHARE = 0.1
 
@@ -221,7 +218,9 @@ class Refinement:
             sampler.advance(n)
             done += n
             now = time.monotonic()
-            per_round = max(1, min(round(ROUND_S * n / max(now - started, 1e-6)), 2 * per_round))
+            per_round = max(
+                1, min(round(sampler.round_s * n / max(now - started, 1e-6)), 2 * per_round)
+            )
             if done >= stop.max_sweeps:
                 reason = 'sweeps'
             elif now - began >= stop.max_time:

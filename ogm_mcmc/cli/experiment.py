@@ -9,9 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from ogm_mcmc import __version__
-from ogm_mcmc.cli.options import Subparsers, add_json, print_result
+from ogm_mcmc.cli.options import Subparsers, add_json, add_scheduler, print_result
+from ogm_mcmc.cluster import connected
 from ogm_mcmc.errors import OutputError, require
 from ogm_mcmc.experiments import EXPERIMENTS, make_page
+from ogm_mcmc.experiments.datasets import using_executor
 from ogm_mcmc.experiments.results import table_text
 from ogm_mcmc.io.map_files import replacing, writable_folder
 from ogm_mcmc.plotting import require_matplotlib
@@ -28,6 +30,7 @@ def add_to(subparsers: Subparsers) -> None:
     parser.add_argument(
         '-o', dest='folder', type=Path, metavar='DIR', help='default: out/experiments/NAME'
     )
+    add_scheduler(parser)
     add_json(parser)
     parser.set_defaults(run=run)
 
@@ -44,7 +47,8 @@ def run(options: argparse.Namespace) -> int:
         if path.is_dir():
             raise OutputError(f'{path}: is a folder; expected a name for a file')
     started = time.perf_counter()
-    found = EXPERIMENTS[options.name](folder, quick=options.quick, seed=options.seed)
+    with connected(options.scheduler) as executor, using_executor(executor):
+        found = EXPERIMENTS[options.name](folder, quick=options.quick, seed=options.seed)
     result: dict[str, Any] = {
         'name': options.name,
         'quick': options.quick,

@@ -25,6 +25,7 @@ __all__ = [
     'Subparsers',
     'add_config_options',
     'add_json',
+    'add_scheduler',
     'add_stream_options',
     'config_from',
     'print_result',
@@ -38,6 +39,17 @@ Subparsers = Any  # argparse gives its sub-parser action no public name
 def add_json(parser: argparse.ArgumentParser) -> None:
     """Declare --json."""
     parser.add_argument('--json', action='store_true', help='print the result as JSON')
+
+
+def add_scheduler(parser: argparse.ArgumentParser) -> None:
+    """Declare --scheduler."""
+    parser.add_argument(
+        '--scheduler',
+        default='',
+        metavar='ADDRESS',
+        help='work on a Dask cluster (tcp://host:8786) instead of local processes; needs the '
+        'extra "cluster"',
+    )
 
 
 def print_result(options: argparse.Namespace, values: dict[str, Any], text: str) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import threading
 import time
+from concurrent.futures import Executor
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -17,12 +18,14 @@ from ogm_mcmc.cli.options import (
     Subparsers,
     add_config_options,
     add_json,
+    add_scheduler,
     add_stream_options,
     config_from,
     print_result,
 )
 from ogm_mcmc.cli.sample_files import SampledMaps, write_all
 from ogm_mcmc.cli.sampling_bar import interruptible, sample
+from ogm_mcmc.cluster import connected, distribute
 from ogm_mcmc.config import (
     OutputConfig,
     PlacingConfig,
@@ -88,6 +91,7 @@ def add_to(subparsers: Subparsers) -> None:
     )  # fmt: skip
     add_config_options(parser, 'sampling', *CONFIGS, without=('output',), short=SHORT)
     add_stream_options(parser)
+    add_scheduler(parser)
     add_json(parser)
     parser.set_defaults(run=run)
 
@@ -104,6 +108,16 @@ def run(options: argparse.Namespace) -> int:
     if options.state is not None:
         _check_state_file(options.state)
     start = None if options.start_map is None else _on_lattice(load_grid(options.start_map))
+    with connected(options.scheduler) as executor:
+        return _run(options, chosen, start, executor)
+
+
+def _run(
+    options: argparse.Namespace,
+    chosen: _Chosen,
+    start: GridMap | None,
+    executor: Executor | None,
+) -> int:
     warm_up(chosen.sampler)
     started = time.perf_counter()
     bag = read_bag(options, chosen.placing)
@@ -111,12 +125,15 @@ def run(options: argparse.Namespace) -> int:
     for placement in bag.placements:
         recording.add(placement)
     refinement = Refinement(chosen.sampler)
-    refinement.take(recording.snapshot(), start)
+    scans = recording.snapshot()
+    refinement.take(scans, start)
     resumed = 0
     if options.state is not None and options.state.exists():
         refinement.resume(options.state)
         assert refinement.sampler is not None
         resumed = refinement.sampler.sweeps
+    if executor is not None:
+        distribute(refinement, scans, executor)
     with interruptible() as interrupted:
         progress = sample(refinement, chosen.stop, interrupted)
         maps = _draw(refinement, options, interrupted)

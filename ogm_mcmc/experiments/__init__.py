@@ -27,11 +27,13 @@ from ogm_mcmc.experiments import (
     adaptive,
     counting,
     gibbs_1d,
+    gibbs_2d,
     patch_intel,
     patch_mutual_information,
-    patch_sim_traditional,
+    patch_sim,
     patch_toy,
     pose_particles,
+    pose_sim,
     random_field,
 )
 from ogm_mcmc.experiments.datasets import run_all
@@ -52,10 +54,12 @@ EXPERIMENTS: dict[str, Run] = {
     'adaptive': adaptive.run,
     'counting': counting.run,
     'gibbs-1d': gibbs_1d.run,
+    'gibbs-2d': gibbs_2d.run,
     'patch-intel': patch_intel.run,
     'patch-mutual-information': patch_mutual_information.run,
-    'patch-sim-traditional': patch_sim_traditional.run,
+    'patch-sim': patch_sim.run,
     'patch-toy': patch_toy.run,
     'pose-particles': pose_particles.run,
+    'pose-sim': pose_sim.run,
     'random-field': random_field.run,
 }

@@ -11,9 +11,11 @@ import json
 import multiprocessing
 import os
 import signal
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +24,7 @@ from tqdm import tqdm
 from ogm_mcmc.errors import ConfigError, OgmError
 from ogm_mcmc.io.map_files import replacing, writable_folder
 
-__all__ = ['WORKERS_VARIABLE', 'ExperimentError', 'run_all', 'worker_count']
+__all__ = ['WORKERS_VARIABLE', 'ExperimentError', 'run_all', 'using_executor', 'worker_count']
 
 WORKERS_VARIABLE = 'OGM_MCMC_WORKERS'
 
@@ -31,6 +33,19 @@ Work = Callable[..., dict[str, Any]]
 
 class ExperimentError(OgmError, RuntimeError):
     """A data set of an experiment could not be computed."""
+
+
+_executor: ContextVar[Executor | None] = ContextVar('executor', default=None)
+
+
+@contextmanager
+def using_executor(executor: Executor | None) -> Iterator[None]:
+    """Let `run_all` send data sets to an executor, whoever calls it inside; None: processes."""
+    token = _executor.set(executor)
+    try:
+        yield
+    finally:
+        _executor.reset(token)
 
 
 def worker_count() -> int:
@@ -56,10 +71,11 @@ def run_all(
 
     `work` is a function of a module, its arguments and results are fit for JSON. Finished ones
     are kept in `folder`. Raises ExperimentError when a process dies; what is finished stays.
-    `executor` takes the place of local processes: anything with the interface of
-    concurrent.futures, a cluster's as well.
+    `executor`, or that of `using_executor`, takes the place of local processes: anything with the
+    interface of concurrent.futures, a cluster's as well.
     """
     writable_folder(folder)
+    executor = executor or _executor.get()
     results: dict[str, dict[str, Any]] = {}
     missing: dict[str, Mapping[str, Any]] = {}
     for name, arguments in datasets.items():

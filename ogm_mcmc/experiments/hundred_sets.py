@@ -1,8 +1,8 @@
 """The simulated data sets of [gibbs] and [patch]: ten runs on each of ten maps.
 
 500 x 500 cells, range F = 75 cells, Gaussian noise on the ranges, an exploring robot that scans
-when it stands. The papers do not say how many beams a scan has; here 180 around. Their maps are
-not public: ours are generated, from cluttered offices to sparse halls.
+when it stands. The papers do not say how many beams a scan has; here one a degree, all around.
+Their maps are not public: ours are generated, from cluttered offices to sparse halls.
 """
 
 from __future__ import annotations
@@ -23,7 +23,6 @@ from ogm_mcmc.simulation import (
 __all__ = ['REACH_CELLS', 'SimulatedSet', 'set_names', 'simulated_set']
 
 REACH_CELLS = 75.0
-BEAMS = 180
 
 
 class SimulatedSet(NamedTuple):
@@ -34,22 +33,31 @@ class SimulatedSet(NamedTuple):
 
 
 def set_names(maps: int = 10, runs: int = 10) -> dict[str, tuple[int, int]]:
-    """Names of data sets and their (building, run), both from 1 on."""
+    """Names of data sets and their (building, run), both from 1 on.
+
+    One run in every building, then the next: what is finished early speaks for all buildings.
+    """
     return {
         f'map{building:02d}_run{run:02d}': (building, run)
-        for building in range(1, maps + 1)
         for run in range(1, runs + 1)
+        for building in range(1, maps + 1)
     }
 
 
 def simulated_set(
-    building: int, run: int, *, seed: int, noise_cells: float, max_scans: int = 1000
+    building: int,
+    run: int,
+    *,
+    seed: int,
+    noise_cells: float,
+    beams: int = 360,
+    max_scans: int = 1000,
 ) -> SimulatedSet:
     """Return one data set; every run starts elsewhere and has noise of its own."""
     world = generate_floor(building, seed)
     cell_m = world.spec.resolution_m
     lidar = Lidar(
-        BEAMS,
+        beams,
         range_min_m=0.0,
         range_max_m=REACH_CELLS * cell_m,
         noise_m=noise_cells * cell_m,

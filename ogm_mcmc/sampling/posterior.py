@@ -16,12 +16,16 @@ from ogm_mcmc.errors import WindowError, require
 from ogm_mcmc.sampling.cell_gibbs import GibbsState
 from ogm_mcmc.sampling.diagnostics import BatchCounts, ChainQuality, assess
 from ogm_mcmc.sampling.gibbs_kernels import add_occupied
+from ogm_mcmc.sampling.ray_index import RayIndex
 
 __all__ = ['Estimate', 'PosteriorModel', 'PosteriorSampler', 'over_dispersed_starts']
 
 
 class PosteriorModel(Protocol):
     """What a sampler of maps offers, over cells or patches."""
+
+    index: RayIndex
+    """The rays of the window."""
 
     touched: AnyArray
     """Cells (C,) int32 that are sampled."""
@@ -63,6 +67,9 @@ class PosteriorSampler:
     Each chain has a child of the seed as its generator, so the result is the same however threads
     are scheduled and whatever number of sweeps is asked for at a time.
     """
+
+    round_s = 0.1
+    """So long may `advance` take at a time: Python costs nothing, a stop is not waited for."""
 
     def __init__(
         self,
