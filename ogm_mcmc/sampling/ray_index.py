@@ -3,41 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from ogm_mcmc.arrays import AnyArray, Float64Array
+from ogm_mcmc.arrays import AnyArray
 from ogm_mcmc.config import ForwardModelConfig, WindowConfig
-from ogm_mcmc.errors import GridError, WindowError
-from ogm_mcmc.geometry import CellBox, GridSpec, Pose2D, Scan, cast_rays
+from ogm_mcmc.errors import WindowError
+from ogm_mcmc.geometry import CellBox, GridSpec, Pose2D, Scan
+from ogm_mcmc.sampling.beam_rays import BeamRays, limited, most_cells, rays_of_scan
 from ogm_mcmc.sampling.ray_index_kernels import file_rays, spread_pairs, trace_rays
 from ogm_mcmc.sensors.forward_model import ForwardModel
 
 __all__ = ['BeamRays', 'RayIndex', 'RayWindow', 'WindowSize']
-
-# A position on a ray is a uint16, and the last one stands for "nothing".
-MAX_POSITIONS = 65_000
-
-# Rays end so far inside of the limits of a window, cells: more than rounding takes them outside.
-RIM = 1e-6
-
-
-class BeamRays(NamedTuple):
-    """N rays (all arrays (N,)): sensor cell `column`, `row`, the sensor in it at `x`, `y`;
-    direction `ux`, `uy`; `length` in cells; `reading` and `reach` in m, reading inf for none.
-    """  # noqa: D205
-
-    column: AnyArray
-    row: AnyArray
-    x: Float64Array
-    y: Float64Array
-    ux: Float64Array
-    uy: Float64Array
-    length: Float64Array
-    reading: Float64Array
-    reach: Float64Array
 
 
 class RayIndex(NamedTuple):
@@ -149,7 +127,7 @@ class RayWindow:
         first_ray = self.index.n_rays
         box = box if self.limits is None else self.limits
         spec = self.spec.windowed(self.spec.box.union(box) if first_ray else box)
-        at_most = self.index.n_pairs + int(_most_cells(rays).sum())
+        at_most = self.index.n_pairs + int(most_cells(rays).sum())
         self._check_memory(WindowSize(first_ray + rays.length.size, at_most, spec.box))
         rays = rays._replace(column=rays.column - spec.column0, row=rays.row - spec.row0)
         self.index = _extended(self.index, self.spec, spec, rays, self.model)
@@ -158,10 +136,10 @@ class RayWindow:
 
     def size_of(self, scan: Scan, sensor: Pose2D) -> WindowSize:
         """Return what a scan adds to a window; raises GridError for a ray that is too long."""
-        rays = self._cast_one(scan, sensor)
+        rays = rays_of_scan(scan, sensor, self.config, self.model.sigma_m)
         if rays.length.size == 0:
             return WindowSize(0, 0, CellBox(0, 0, 0, 0))
-        return WindowSize(rays.length.size, int(_most_cells(rays).sum()), self._box_around(rays))
+        return WindowSize(rays.length.size, int(most_cells(rays).sum()), self._box_around(rays))
 
     @property
     def most_bytes(self) -> float:
@@ -172,66 +150,15 @@ class RayWindow:
         """Return the rays in lattice cells, and a box around all of them and the margin."""
         parts, box = [], CellBox(0, 0, 0, 0)
         for scan, sensor in placements:
-            rays = self._cast_one(scan, sensor)
+            rays = rays_of_scan(scan, sensor, self.config, self.model.sigma_m)
             if self.limits is not None:
-                rays = _limited(rays, self.limits, self.config.resolution)
+                rays = limited(rays, self.limits, self.config.resolution)
             if rays.length.size:
                 parts.append(rays)
                 box = box.union(self._box_around(rays))
         if not parts:
             return None, box
         return BeamRays(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True))), box
-
-    def _cast_one(self, scan: Scan, sensor: Pose2D) -> BeamRays:
-        config = self.config
-        if config.beam_stride > 1:
-            scan = replace(
-                scan,
-                ranges_m=np.ascontiguousarray(scan.ranges_m[:: config.beam_stride]),
-                angle_increment_rad=scan.angle_increment_rad * config.beam_stride,
-            )
-        spec = GridSpec(config.resolution, 1, 1)
-        cast = cast_rays(
-            scan,
-            sensor,
-            spec,
-            max_range_m=config.max_range,
-            no_return_clears=config.no_return == 'clear',
-        )
-        n = cast.n_rays
-        # Readings and directions as they are: those of end points were rounded, and an end point
-        # next to the sensor has no direction at all.
-        reading = scan.ranges_m.astype(np.float64)
-        used = (reading > 0.0) & (reading >= scan.range_min_m) & (reading <= scan.range_max_m)
-        if config.no_return == 'clear':
-            used |= reading == np.inf
-        reading = reading[used]
-        ahead, left = scan.directions()[:, used]
-        cosine, sine = np.cos(sensor.yaw_rad), np.sin(sensor.yaw_rad)
-        reach = scan.range_max_m
-        if config.max_range > 0.0:
-            reach = min(reach, config.max_range)
-        hit = reading <= reach
-        length = np.full(n, reach / config.resolution)
-        if config.cut_sigma > 0.0:
-            behind = (reading + config.cut_sigma * self.model.sigma_m) / config.resolution
-            length[hit] = np.minimum(length, behind)[hit]
-        if n and length.max() * 2.0 > MAX_POSITIONS:
-            raise GridError(
-                f'a ray of {length.max():.0f} cells: expected at most {MAX_POSITIONS // 2}; '
-                'set max_range'
-            )
-        return BeamRays(
-            np.full(n, cast.column),
-            np.full(n, cast.row),
-            np.full(n, cast.x),
-            np.full(n, cast.y),
-            ahead * cosine - left * sine,
-            ahead * sine + left * cosine,
-            length,
-            np.where(hit, reading, np.inf),
-            np.full(n, reach),
-        )
 
     def _box_around(self, rays: BeamRays) -> CellBox:
         end_x, end_y = rays.x + rays.length * rays.ux, rays.y + rays.length * rays.uy
@@ -250,35 +177,6 @@ class RayWindow:
                 f'max_memory_mb = {self.config.max_memory_mb:g}; use fewer scans, a larger '
                 'beam_stride, resolution or cut_sigma'
             )
-
-
-def _limited(rays: BeamRays, box: CellBox, resolution: float) -> BeamRays:
-    """Return the rays of one scan as a sensor sees them that reaches to the rim of a box."""
-    if not rays.length.size:
-        return rays
-    column, row = int(rays.column[0]), int(rays.row[0])
-    if not (box.column0 <= column < box.column1 and box.row0 <= row < box.row1):
-        return BeamRays(*(array[:0] for array in rays))
-    with np.errstate(divide='ignore', invalid='ignore'):
-        side = np.where(rays.ux > 0.0, box.column1 - column, box.column0 - column)
-        up_to = np.where(rays.uy > 0.0, box.row1 - row, box.row0 - row)
-        to_side = np.where(rays.ux == 0.0, np.inf, (side - rays.x) / rays.ux)
-        to_end = np.where(rays.uy == 0.0, np.inf, (up_to - rays.y) / rays.uy)
-    rim = np.maximum(np.minimum(to_side, to_end) - RIM, 0.0)
-    reach = np.minimum(rays.reach, np.maximum(rim, RIM) * resolution)
-    return rays._replace(
-        length=np.minimum(rays.length, rim),
-        reading=np.where(rays.reading <= reach, rays.reading, np.inf),
-        reach=reach,
-    )
-
-
-def _most_cells(rays: BeamRays) -> AnyArray:
-    """Return how many cells each ray crosses at most."""
-    across = np.abs(np.floor(rays.x + rays.length * rays.ux) - np.floor(rays.x))
-    up = np.abs(np.floor(rays.y + rays.length * rays.uy) - np.floor(rays.y))
-    cells: AnyArray = (across + up).astype(np.int64) + 1
-    return cells
 
 
 def _empty_index() -> RayIndex:
@@ -311,7 +209,7 @@ def _extended(
 ) -> RayIndex:
     """Return the index with more rays in a window that covers the old one; uses up `index`."""
     n_old, n_new = index.n_rays, index.n_rays + rays.length.size
-    t_old, t_most = index.n_pairs, index.n_pairs + int(_most_cells(rays).sum())
+    t_old, t_most = index.n_pairs, index.n_pairs + int(most_cells(rays).sum())
     counts, gain = _regridded(index, old, new)
     before = _beginnings(counts)
 
