@@ -357,7 +357,7 @@ def _patch_prior(
         return None, cell_prior
     if patch.prior == 'uniform':
         return make_table('uniform', patch.size, p_occupied=cell_prior), cell_prior
-    path = Path(patch.file).expanduser() if patch.file else default_prior_file()
+    path = Path(patch.prior_file).expanduser() if patch.prior_file else default_prior_file()
     counts = load_prior(path, resolution_m).counts
     share = float(counts.cells[1] / counts.cells.sum())
     return make_table(patch.prior, patch.size, counts), share

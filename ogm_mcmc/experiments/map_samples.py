@@ -141,7 +141,7 @@ def sample_map(
             samples.append(_on(spec, model.touched, present, chain.prior))
     settings = {**flatten(config), 'sweeps': sweeps}
     if not config.patch.single_cells and config.patch.prior != 'uniform':
-        settings['patch.file'] = default_prior_file().name
+        settings['patch.prior_file'] = default_prior_file().name
     mean = _on(spec, model.touched, sampler.estimate().mean, chain.prior)
     per_sample = seconds / (sweeps * chain.chains)
     return SampledMap(mean, samples, per_sample, window.index.n_rays, settings)

@@ -102,7 +102,7 @@ def _rows(
             row(
                 f'{what}: s per map sample', one['seconds_per_sample'], published,
                 f'burn-in {settings["chain.burn_in"]}, {settings["sweeps"]} sweeps, sigma '
-                f'{settings["model.sigma"]:g} m, {settings.get("patch.file") or "no prior file"}',
+                f'{settings["model.sigma"]:g} m, {settings.get("patch.prior_file") or "no prior file"}',
             )
         )  # fmt: skip
     return lines

@@ -73,7 +73,9 @@ def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
             rows.append(row(f'{what}: s per map sample', ours, published, str(error)))
             seconds[what] = None
             continue
-        remark = f'burn-in {burn_in}, {sweeps} sweeps, {found.settings.get("patch.file", "")}'
+        remark = (
+            f'burn-in {burn_in}, {sweeps} sweeps, {found.settings.get("patch.prior_file", "")}'
+        )
         rows.append(row(f'{what}: s per map sample', found.seconds_per_sample, published, remark))
         seconds[what] = found.seconds_per_sample
         if (size, prior) in ((1, 'uniform'), (9, 'border')):

@@ -102,7 +102,7 @@ def test_border_beats_traditional_in_coarse_cells(data_folder, tmp_path):
     assert by['border9']['max_f1'] > by['traditional']['max_f1'] + 0.02
     gain = [by[name]['heldout_loglik_per_beam'] for name in ('border9', 'traditional')]
     assert gain[0] > gain[1]
-    assert by['border9']['settings']['patch.file'] == 'buildings.npz'
+    assert by['border9']['settings']['patch.prior_file'] == 'buildings.npz'
 
 
 @pytest.mark.data
