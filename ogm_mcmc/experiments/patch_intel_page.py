@@ -98,11 +98,12 @@ def _rows(
     if one['seconds_per_sample'] is not None:
         published = PUBLISHED_SECONDS.get(method, {}).get(number) if resolution == 0.02 else None
         settings = one['settings']
+        prior = settings.get('patch.prior_file') or 'no prior file'
         lines.append(
             row(
                 f'{what}: s per map sample', one['seconds_per_sample'], published,
                 f'burn-in {settings["chain.burn_in"]}, {settings["sweeps"]} sweeps, sigma '
-                f'{settings["model.sigma"]:g} m, {settings.get("patch.prior_file") or "no prior file"}',
+                f'{settings["model.sigma"]:g} m, {prior}',
             )
         )  # fmt: skip
     return lines
