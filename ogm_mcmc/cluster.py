@@ -214,7 +214,7 @@ def advance_chain(
 def _problem(config: SamplerConfig, scans: Sequence[Placement], model: PosteriorModel) -> Problem:
     # Nothing is sampled from what is believed of a pose beyond its mean.
     plain = [(scan, PoseBelief(belief.mean)) for scan, belief in scans]
-    file = config.patch.file
+    file = config.patch.prior_file
     prior = Path(file).expanduser().read_bytes() if file else None
     content = pickle.dumps((config, plain, prior))
     token = hashlib.sha256(content).hexdigest()

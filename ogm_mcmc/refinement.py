@@ -20,20 +20,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ogm_mcmc.arrays import Float32Array, UInt8Array
+from ogm_mcmc.arrays import Float32Array
 from ogm_mcmc.config import (
-    MapperConfig,
     PatchConfig,
     SamplerConfig,
     StopConfig,
-    WindowConfig,
     flatten,
 )
-from ogm_mcmc.errors import ConfigError, GridError, WindowError
-from ogm_mcmc.geometry import GridMap, GridSpec, Pose2D, PoseBelief, Scan
+from ogm_mcmc.errors import ConfigError, WindowError
+from ogm_mcmc.geometry import GridMap, Pose2D, PoseBelief, Scan
 from ogm_mcmc.io.map_files import replacing
 from ogm_mcmc.io.prior_files import default_prior_file, load_prior
-from ogm_mcmc.mapping import make_method
 from ogm_mcmc.placement import Placement
 from ogm_mcmc.recording import Recording, fingerprint
 from ogm_mcmc.sampling import (
@@ -47,6 +44,7 @@ from ogm_mcmc.sampling import (
 from ogm_mcmc.sampling.estimates import hide_uncertain
 from ogm_mcmc.sampling.patch_gibbs import PatchModel
 from ogm_mcmc.sampling.patch_prior import PatchTable, make_table
+from ogm_mcmc.start_maps import cells_on, check_lattice, live_map
 
 __all__ = [
     'Progress',
@@ -105,7 +103,7 @@ class Refinement:
             config.patch, config.chain.prior, config.window.resolution
         )
         self.sampler: PosteriorSampler | None = None
-        self.quality: ChainQuality | None = None
+        self.quality: ChainQuality | None = None  # of the measured cells
         self._summary: dict[str, float] | None = None
 
     # -- scans in ---------------------------------------------------------------------------
@@ -121,7 +119,7 @@ class Refinement:
         if not scans:
             raise WindowError('no scan was recorded: expected at least one')
         if start is not None:
-            _check_lattice(self.window.spec, start)
+            check_lattice(self.window.spec, start)
         known = len(self._taken)
         extends = 0 < known <= len(scans) and all(
             old is new for old, new in zip(self._taken, scans[:known], strict=True)
@@ -159,18 +157,18 @@ class Refinement:
         model = self._model()
         threshold = chain.start_threshold
         if warm:
-            starts = [_cells_on(spec, grid, 0.5, chain.prior) for grid in warm]
+            starts = [cells_on(spec, grid, 0.5, chain.prior) for grid in warm]
         elif start is not None:
-            starts = [_cells_on(spec, start, threshold, chain.prior)] * chain.chains
+            starts = [cells_on(spec, start, threshold, chain.prior)] * chain.chains
         else:
             live = live_map(self._taken, self.config.window)
             starts = over_dispersed_starts(
                 chain.start,
                 chain.chains,
-                _cells_on(spec, live, threshold, chain.prior),
+                cells_on(spec, live, threshold, chain.prior),
                 chain.prior,
                 chain.seed,
-                _cells_on(spec, live, 0.5, 1.0) == 0,
+                cells_on(spec, live, 0.5, 1.0) == 0,
             )
         # After a warm start another stream of random numbers, or the chains would repeat one.
         seed: int | list[int] = [chain.seed, self._times_taken] if warm else chain.seed
@@ -228,7 +226,9 @@ class Refinement:
             elif cancelled():
                 reason = 'cancelled'
             if reason or (now - judged_at) * JUDGING_SHARE >= judging_s:
-                self.quality = sampler.quality()
+                quality = sampler.quality()
+                # Cells no ray crosses have nothing to agree about.
+                self.quality = None if quality is None else quality.of(sampler.model.measured)
                 self._summary = None if self.quality is None else self.quality.summary()
                 judged_at = time.monotonic()
                 judging_s = judged_at - now
@@ -287,10 +287,13 @@ class Refinement:
         """
         if self.sampler is None:
             raise WindowError('no scan was taken: take those of the saved state first')
-        sampler, saved = PosteriorSampler.load(path, self.sampler.model)
-        different = [key for key, value in self._identity().items() if saved.get(key) != value]
-        if different:
-            raise WindowError(f'{path}: expected a state of these scans; other {different[0]}')
+
+        def accept(saved: dict[str, Any]) -> None:
+            different = [key for key, value in self._identity().items() if saved.get(key) != value]
+            if different:
+                raise WindowError(f'{path}: expected a state of these scans; other {different[0]}')
+
+        sampler, _ = PosteriorSampler.load(path, self.sampler.model, accept)
         self.sampler, self.quality, self._summary = sampler, None, None
 
     def _identity(self) -> dict[str, Any]:
@@ -345,18 +348,6 @@ def warm_up(config: SamplerConfig) -> int:
     return done[-1].sweeps
 
 
-def live_map(scans: Sequence[Placement], window: WindowConfig) -> GridMap:
-    """Return the two-assumption map of the same scans on the same lattice."""
-    mapper = make_method(
-        MapperConfig(
-            resolution=window.resolution, max_range=window.max_range, no_return=window.no_return
-        )
-    )
-    for scan, belief in scans:
-        mapper.update(scan, belief)
-    return GridMap(mapper.spec, mapper.probabilities(mapper.spec.box))
-
-
 @lru_cache(maxsize=4)
 def _patch_prior(
     patch: PatchConfig, cell_prior: float, resolution_m: float
@@ -366,36 +357,7 @@ def _patch_prior(
         return None, cell_prior
     if patch.prior == 'uniform':
         return make_table('uniform', patch.size, p_occupied=cell_prior), cell_prior
-    path = Path(patch.file).expanduser() if patch.file else default_prior_file()
+    path = Path(patch.prior_file).expanduser() if patch.prior_file else default_prior_file()
     counts = load_prior(path, resolution_m).counts
     share = float(counts.cells[1] / counts.cells.sum())
     return make_table(patch.prior, patch.size, counts), share
-
-
-def _cells_on(spec: GridSpec, grid: GridMap, threshold: float, elsewhere: float) -> UInt8Array:
-    """Return a map (K,) of a window: 1 where `grid` is at least at a threshold.
-
-    Cells that `grid` does not know have the probability `elsewhere`.
-    """
-    _check_lattice(spec, grid)
-    cells = np.full((spec.height, spec.width), elsewhere >= threshold, np.uint8)
-    common = spec.box.intersection(grid.spec.box)
-    if not common.empty:
-        known = np.nan_to_num(grid.probability[grid.spec.slices(common)], nan=elsewhere)
-        cells[spec.slices(common)] = known >= threshold
-    return cells.reshape(-1)
-
-
-def _check_lattice(spec: GridSpec, grid: GridMap) -> None:
-    """Raise GridError unless the cells of `grid` are those of a window's lattice."""
-    same = (
-        grid.spec.resolution_m == spec.resolution_m
-        and grid.spec.anchor_x_m == spec.anchor_x_m
-        and grid.spec.anchor_y_m == spec.anchor_y_m
-    )
-    if not same:
-        raise GridError(
-            f'start map with cells of {grid.spec.resolution_m:g} m anchored at '
-            f'({grid.spec.anchor_x_m:g}, {grid.spec.anchor_y_m:g}): expected '
-            f'{spec.resolution_m:g} m at ({spec.anchor_x_m:g}, {spec.anchor_y_m:g})'
-        )

@@ -19,7 +19,7 @@ from ogm_mcmc.exact import enumerate_maps
 from ogm_mcmc.geometry import GridMap, GridSpec, Pose2D, PoseBelief
 from ogm_mcmc.placement import Placement
 from ogm_mcmc.refinement import Recording, Refinement, hide_uncertain, live_map
-from ogm_mcmc.sampling import RayWindow
+from ogm_mcmc.sampling import PosteriorSampler, RayWindow
 from ogm_mcmc.testing.strategies import fan
 
 approx = pytest.approx
@@ -217,7 +217,7 @@ def test_chains_start_from_the_live_map():
 def test_the_same_seed_gives_the_same_map_however_long_rounds_take(monkeypatch):
     found = []
     for round_s in (0.0, 0.001, 10.0):
-        monkeypatch.setattr('ogm_mcmc.refinement.ROUND_S', round_s)
+        monkeypatch.setattr(PosteriorSampler, 'round_s', round_s)
         refinement = taken(FIRST, SECOND)
         assert run(refinement, max_sweeps=120)[-1].sweeps == 120
         found.append(refinement.map().probability)

@@ -77,7 +77,7 @@ def test_what_was_sampled_otherwise_is_refused_and_changes_nothing(tmp_path):
         'seed': taken(scans(), replace(CONFIG, chain=replace(CONFIG.chain, seed=2))),
         'prior': taken(scans(), replace(CONFIG, chain=replace(CONFIG.chain, prior=0.2))),
         'fingerprint': taken(moved),
-        'cells': taken(scans(3)),
+        'scans': taken(scans(3)),
     }
     for what, other in others.items():
         before = other.sampler

@@ -55,7 +55,7 @@ SHORT = {
     'chain.prior': '--cell-prior',
     'patch.prior': '--prior',
     'patch.size': '--patch-size',
-    'patch.file': '--prior-file',
+    'patch.prior_file': '--prior-file',
 }
 
 

@@ -169,7 +169,7 @@ class PatchConfig:
         choices=('uniform', 'patch', 'border'),
     )
     size: int = setting(1, 'cells drawn at a time: 1, 9 or 25', low=1, high=25)
-    file: str = setting(
+    prior_file: str = setting(
         '', 'prior file of learn-prior; empty: the one that comes with the package'
     )
     order: str = setting(

@@ -85,6 +85,7 @@ class RefineServer(Node):
         self.diagnostics = Diagnostics(self, 'refining')
         self._renewed_at = 0.0
         self._reported_error = ''
+        self._last_message: tuple[int, OccupancyGrid] | None = None
         self.create_service(Trigger, '~/refine', self.on_refine)
         self.create_service(Trigger, '~/stop', self.on_stop)
         self.create_service(Trigger, '~/clear', self.on_clear)
@@ -151,7 +152,12 @@ class RefineServer(Node):
         return hide_uncertain(result.grid_map, result.prior, margin, result.draws)
 
     def map_message(self, result: RefinedMap) -> OccupancyGrid:
-        """Return the message of a map."""
+        """Return the message of a map; the same one again while neither it nor settings change."""
+        if self._last_message is None or self._last_message[0] != result.number:
+            self._last_message = (result.number, self._new_map_message(result))
+        return self._last_message[1]
+
+    def _new_map_message(self, result: RefinedMap) -> OccupancyGrid:
         probability, output = self.shown(result).probability, self.output
         if output.output == 'trinary':
             values = trinary_values(probability, output.occupied_thresh, output.free_thresh)
@@ -281,7 +287,9 @@ class RefineServer(Node):
         )
         self.recording.config = self.parameters.read(RecordingConfig)
         self.worker.map_every_s = self.settings.map_update_interval
-        self.map_grid.shown = 0  # it may look different now
+        # It may look different now.
+        self._last_message = None
+        self.map_grid.shown = 0
 
     # -- the end ----------------------------------------------------------------------------
 

@@ -25,6 +25,9 @@ __all__ = ['RefineWorker', 'RefinedMap', 'WorkerStatus']
 
 JOIN_S = 60.0
 
+# Building an index cannot be interrupted, and half of one is worth nothing: nobody waits for it.
+LEAVE_INDEXING_S = 1.0
+
 
 class RefinedMap(NamedTuple):
     """A posterior mean (nan: no ray ever came) as it was handed over; `number` rises by one.
@@ -126,11 +129,19 @@ class RefineWorker:
             self._changed.notify()
 
     def close(self) -> None:
-        """End sampling, with a last map and the state file, and end the thread."""
+        """End sampling, with a last map and the state file, and end the thread.
+
+        One that builds an index is left behind: it ends with the process.
+        """
         with self._changed:
             self._closing = True
             self._leave(None, 'shut down')
-        self._thread.join(JOIN_S)
+        began = time.monotonic()
+        while self.running and time.monotonic() - began < JOIN_S:
+            self._thread.join(0.05)
+            if self.status.state == 'indexing' and time.monotonic() - began > LEAVE_INDEXING_S:
+                self.log('left an index unfinished')
+                return
 
     @property
     def running(self) -> bool:

@@ -58,6 +58,7 @@ class CellModel:
         self.prior_log_odds = float(prior_log_odds)
         self.order = order
         self.touched = index.touched()
+        self.measured = np.ones(self.touched.size, np.bool_)
         self.ceiling = _ceiling(index, self.prior_log_odds)
         even = (self.touched // width + self.touched % width) % 2 == 0
         self._checkered = np.concatenate((self.touched[even], self.touched[~even]))

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ogm_mcmc.arrays import AnyArray, Float32Array, Float64Array
+from ogm_mcmc.arrays import AnyArray, BoolArray, Float32Array, Float64Array
 
 __all__ = ['BatchCounts', 'ChainQuality', 'assess', 'split_r_hat']
 
@@ -86,6 +86,15 @@ class ChainQuality(NamedTuple):
     mean: Float32Array
     sweeps: int
     chains: int
+
+    def of(self, cells: BoolArray) -> ChainQuality:
+        """Return the quality of some of the cells: `cells` (C,)."""
+        return self._replace(
+            r_hat=self.r_hat[cells],
+            ess=self.ess[cells],
+            mcse=self.mcse[cells],
+            mean=self.mean[cells],
+        )
 
     def agreeing_share(self, limit: float) -> float:
         """Share of cells whose R-hat is below a limit."""

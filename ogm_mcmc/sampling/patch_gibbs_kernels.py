@@ -15,7 +15,16 @@ from ogm_mcmc.sampling.gibbs_kernels import (
     lengthen_rays,
     shorten_rays,
 )
-from ogm_mcmc.sampling.ray_index_kernels import ACROSS, UP, following_cell
+from ogm_mcmc.sampling.ray_index_kernels import following_cell
+
+# Options are numbered by the bits of whole numbers, the sign left out.
+WORD = 62
+
+# Follows all rays of a cell.
+NO_RAY = np.int64(2**62)
+
+# What is so many nats less likely than the likeliest is never drawn.
+NEGLIGIBLE = -45.0
 
 
 @njit(cache=True, nogil=True, inline='always')
@@ -27,91 +36,136 @@ def read_pattern(cells, corner, offsets):
     return pattern
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline='always')
 def place_in(candidates, first, last, pattern):
     """Return where a pattern stands among the listed ones, -1 if it does not."""
+    place = -1
     for i in range(first, last):
         if candidates[i] == pattern:
-            return i
-    return -1
+            place = i
+            break
+    return place
 
 
 @njit(cache=True, nogil=True)
+def scratch(side, most):
+    """Return (weights, occupying, heads, met): what draws among `most` options need, made once."""
+    return (
+        np.empty((2, most)),
+        np.empty((side * side, (most + WORD - 1) // WORD), np.int64),
+        np.empty((3, side * side), np.int64),
+        np.empty((2 * side + 1, 2), np.int64),
+    )
+
+
+@njit(cache=True, nogil=True, inline='always')
+def mark_options(options, n_options, n_cells, occupying):
+    """Fill `occupying`: by cell of the patch, the options that occupy it as bits of words."""
+    for i in range(n_cells):
+        for word in range((n_options + WORD - 1) // WORD):
+            together = np.int64(0)
+            for option in range(word * WORD, min(word * WORD + WORD, n_options)):
+                together |= ((options[option] >> i) & 1) << (option - word * WORD)
+            occupying[i, word] = together
+
+
+@njit(cache=True, nogil=True, inline='always')
 def add_likelihoods(
-    options, scores, n_options, corner, side, width, cells, records, bits, cell_start, pairs,
-    positions, ray_start, steps, across, up, likelihood, nothing,
+    options, scores, n_options, occupying, heads, met, corner, side, width, cells, records, bits,
+    cell_start, pairs, pair_bits, positions, ray_start, steps, across, up, likelihood, nothing,
 ):  # fmt: skip
     """Add to each option's score what the rays that reach the patch say of it.
 
-    options, scores  (>= n_options,): patterns, and their log-weights, nats
-    A ray crosses the patch in one go. Of the cells it meets there the first one that an option
-    occupies is its hit; if there is none, whatever is behind the patch.
+    options, scores  (>= n_options,): patterns, and their log-weights, nats; up to one constant
+    occupying, heads, met  memory to work in, see `scratch`
+    The rays of a cell come in rising order, so those of all cells of the patch can be merged: the
+    cells that a ray meets come together, read one after the other from memory. The first of them
+    that an option occupies is its hit; if there is none, whatever is behind the patch. Options
+    that a ray passes without a hit cost nothing.
     """
-    # A straight way through a square of `side` cells meets at most 2 * side of them.
-    met, values = np.empty(2 * side, np.int64), np.empty(2 * side)
-    for i in range(side * side):
+    n_cells = side * side
+    n_words = (n_options + WORD - 1) // WORD
+    mark_options(options, n_options, n_cells, occupying)
+    for i in range(n_cells):
         cell = corner + (i // side) * width + i % side
-        for pair in range(cell_start[cell], cell_start[cell + 1]):
-            ray, position = pairs[pair, 0], np.int64(positions[pair])
-            if records[ray, 0] < position:
-                continue  # stopped before, or in an earlier cell of the patch: comes up there
+        heads[0, i], heads[1, i] = cell_start[cell], cell_start[cell + 1]
+        heads[2, i] = pairs[heads[0, i], 0] if heads[0, i] < heads[1, i] else NO_RAY
+    while True:
+        ray = heads[2, 0]
+        for i in range(1, n_cells):
+            ray = min(ray, heads[2, i])
+        if ray == NO_RAY:
+            break
+        count = 0
+        for i in range(n_cells):
+            if heads[2, i] != ray:
+                continue
+            at = heads[0, i]
+            heads[0, i] = at + 1
+            heads[2, i] = pairs[at + 1, 0] if at + 1 < heads[1, i] else NO_RAY
+            # Sorted by position: `met` holds (position, cell) as one number, and the pair.
+            place = (np.int64(positions[at]) << 8) | i
+            k = count
+            while k > 0 and met[k - 1, 0] > place:
+                met[k, 0], met[k, 1] = met[k - 1, 0], met[k - 1, 1]
+                k -= 1
+            met[k, 0], met[k, 1] = place, at
+            count += 1
+        first_hit = records[ray, 0]
+        if first_hit < met[0, 0] >> 8:
+            continue  # stopped before the patch
+        outside = np.float64(bits[ray, 1])
+        position = met[count - 1, 0] >> 8
+        if first_hit <= position:
+            # It ends in the patch at present: look for what is behind.
+            outside = np.float64(nothing[ray])
+            i = met[count - 1, 0] & 255
+            cell = corner + (i // side) * width + i % side
             at, last = ray_start[ray] + position, ray_start[ray + 1] - 1
-            row, column = i // side, i % side
-            right, above = (1 if across[ray] > 0 else -1), (1 if up[ray] > 0 else -1)
-            if position > 0:
-                step = steps[at - 1]
-                row_before = row - above if step & UP else row
-                column_before = column - right if step & ACROSS else column
-                if 0 <= row_before < side and 0 <= column_before < side:
-                    continue  # came in by another cell
-            count = 0
-            while 0 <= row < side and 0 <= column < side:
-                met[count] = row * side + column
-                values[count] = likelihood[at]
-                count += 1
-                if at == last:
-                    break
-                if steps[at] & UP:
-                    row += above
-                if steps[at] & ACROSS:
-                    column += right
+            step_x, step_y = across[ray], up[ray]
+            while at < last:
+                cell = following_cell(cell, steps[at], step_x, step_y)
                 at += 1
-            outside = np.float64(bits[ray, 1])
-            if records[ray, 0] < position + count:
-                # It ends in the patch at present: look for what is behind.
-                outside = np.float64(nothing[ray])
-                inside = corner + (met[count - 1] // side) * width + met[count - 1] % side
-                at = ray_start[ray] + position + count - 1
-                while at < last:
-                    inside = following_cell(inside, steps[at], across[ray], up[ray])
-                    at += 1
-                    if cells[inside]:
-                        outside = np.float64(likelihood[at])
-                        break
-            for option in range(n_options):
-                pattern, value = options[option], outside
-                for k in range(count):
-                    if (pattern >> met[k]) & 1:
-                        value = values[k]
-                        break
-                scores[option] += value
+                if cells[cell]:
+                    outside = np.float64(likelihood[at])
+                    break
+        for word in range(n_words):
+            passing = np.int64(-1)
+            for k in range(count):
+                hit = passing & occupying[met[k, 0] & 255, word]
+                if hit == 0:
+                    continue
+                passing &= ~hit
+                value = np.float64(pair_bits[met[k, 1], 1]) - outside
+                if value == 0.0:
+                    continue
+                option = word * WORD
+                while hit:
+                    if hit & 1:
+                        scores[option] += value
+                    hit >>= 1
+                    option += 1
 
 
-@njit(cache=True, nogil=True)
-def draw_index(rng, log_weights, count):
-    """Draw from the first `count` of some log-weights."""
+@njit(cache=True, nogil=True, inline='always')
+def draw_index(rng, log_weights, count, weights):
+    """Draw from the first `count` of some log-weights; `weights` holds what they are."""
     highest = log_weights[0]
     for i in range(1, count):
         highest = max(highest, log_weights[i])
     total = 0.0
     for i in range(count):
-        total += math.exp(log_weights[i] - highest)
+        below = log_weights[i] - highest
+        weights[i] = math.exp(below) if below > NEGLIGIBLE else 0.0
+        total += weights[i]
     left = rng.random() * total
-    for i in range(count):
-        left -= math.exp(log_weights[i] - highest)
+    drawn = 0
+    while drawn < count - 1:
+        left -= weights[drawn]
         if left < 0.0:
-            return i
-    return count - 1
+            break
+        drawn += 1
+    return drawn
 
 
 @njit(cache=True, nogil=True)
@@ -132,7 +186,9 @@ def sweep_patches(
     most = 0
     for e in range(start.size - 1):
         most = max(most, start[e + 1] - start[e])
-    options, scores = np.empty(most + 1, np.int64), np.empty(most + 1)
+    options = np.empty(most + 1, np.int64)
+    weights, occupying, heads, met = scratch(side, most + 1)
+    scores, weights = weights[0], weights[1]
     flips = 0
     for j in range(corners.size):
         corner = np.int64(corners[j])
@@ -165,10 +221,11 @@ def sweep_patches(
                 scores[n_options] = floor[entry] + math.log(patterns - n_options)
                 n_options += 1
             add_likelihoods(
-                options, scores, n_options, corner, side, width, cells, records, bits,
-                cell_start, pairs, positions, ray_start, steps, across, up, likelihood, nothing,
+                options, scores, n_options, occupying, heads, met, corner, side, width, cells,
+                records, bits, cell_start, pairs, pair_bits, positions, ray_start, steps, across,
+                up, likelihood, nothing,
             )  # fmt: skip
-            chosen = options[draw_index(rng, scores, n_options)]
+            chosen = options[draw_index(rng, scores, n_options, weights)]
         changed = chosen ^ current
         for i in range(inner.size):
             if not (changed >> i) & 1:

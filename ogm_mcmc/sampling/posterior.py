@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
@@ -29,6 +29,9 @@ class PosteriorModel(Protocol):
 
     touched: AnyArray
     """Cells (C,) int32 that are sampled."""
+
+    measured: BoolArray
+    """(C,) whether a ray crosses them; the others know of the rays through the prior at most."""
 
     @property
     def n_cells(self) -> int:
@@ -162,14 +165,21 @@ class PosteriorSampler:
             np.savez_compressed(stream, header=np.array(json.dumps(header)), **arrays)
 
     @classmethod
-    def load(cls, path: Path, model: PosteriorModel) -> tuple[PosteriorSampler, dict[str, Any]]:
+    def load(
+        cls,
+        path: Path,
+        model: PosteriorModel,
+        accept: Callable[[dict[str, Any]], object] = lambda settings: None,
+    ) -> tuple[PosteriorSampler, dict[str, Any]]:
         """Return the sampler that was saved, and its settings.
 
-        Raises WindowError when the file is no such file or is of another window.
+        `accept` sees the settings first, and raises WindowError when they are not those wanted.
+        Raises WindowError, too, when the file is no such file or is of another window.
         """
         try:
             with path.open('rb') as stream, np.load(stream) as data:
                 header = json.loads(str(data['header']))
+                accept(header['settings'])
                 _check_window(path, header, model)
                 sampler = cls(model, [], seed=0, burn_in=header['burn_in'])
                 sampler.sweeps = header['sweeps']

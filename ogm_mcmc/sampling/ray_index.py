@@ -3,38 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from ogm_mcmc.arrays import AnyArray, Float64Array
+from ogm_mcmc.arrays import AnyArray
 from ogm_mcmc.config import ForwardModelConfig, WindowConfig
-from ogm_mcmc.errors import GridError, WindowError
-from ogm_mcmc.geometry import CellBox, GridSpec, Pose2D, Scan, cast_rays
+from ogm_mcmc.errors import WindowError
+from ogm_mcmc.geometry import CellBox, GridSpec, Pose2D, Scan
+from ogm_mcmc.sampling.beam_rays import BeamRays, limited, most_cells, rays_of_scan
 from ogm_mcmc.sampling.ray_index_kernels import file_rays, spread_pairs, trace_rays
 from ogm_mcmc.sensors.forward_model import ForwardModel
 
 __all__ = ['BeamRays', 'RayIndex', 'RayWindow', 'WindowSize']
-
-# A position on a ray is a uint16, and the last one stands for "nothing".
-MAX_POSITIONS = 65_000
-
-
-class BeamRays(NamedTuple):
-    """N rays (all arrays (N,)): sensor cell `column`, `row`, the sensor in it at `x`, `y`;
-    direction `ux`, `uy`; `length` in cells; `reading` and `reach` in m, reading inf for none.
-    """  # noqa: D205
-
-    column: AnyArray
-    row: AnyArray
-    x: Float64Array
-    y: Float64Array
-    ux: Float64Array
-    uy: Float64Array
-    length: Float64Array
-    reading: Float64Array
-    reach: Float64Array
 
 
 class RayIndex(NamedTuple):
@@ -42,8 +23,8 @@ class RayIndex(NamedTuple):
 
     By cell: cell k owns rows `cell_start[k]` to `cell_start[k + 1]` (K + 1,) int64 of `pairs`
     (T, 2) int32, the ray and, as the bits of a float32, log p(z | this cell is its first hit),
-    and of `positions` (T,) uint16, the cell's place on the ray; `gain` (K,) float32 is the most
-    that its rays can add to its log-odds.
+    and of `positions` (T,) uint16, the cell's place on the ray; rays come in rising order;
+    `gain` (K,) float32 is the most that its rays can add to its log-odds.
     By ray: ray n owns `ray_start[n]` to `ray_start[n + 1]` (N + 1,) int64 of `steps` (T,) uint8
     and `ray_likelihood` (T,) float32; it begins in `first_cell` (N,) int32 and goes on by
     `across` and `up` (N,) int32; `nothing` (N,) float32, log p(z | no cell of the ray is hit).
@@ -112,13 +93,23 @@ class RayWindow:
 
     Adding scans changes the arrays of `index` in place and replaces the tuple: whoever samples
     from an index must stop before more is added.
+
+    With `limits`, a box of lattice cells, the window is that box. A beam that leaves it says that
+    nothing is on its way up to there, like one that is longer than the sensor reaches; sensors
+    outside are left out.
     """
 
     def __init__(
-        self, config: WindowConfig, model: ForwardModelConfig, *, margin: int = 0
+        self,
+        config: WindowConfig,
+        model: ForwardModelConfig,
+        *,
+        margin: int = 0,
+        limits: CellBox | None = None,
     ) -> None:
         self.config = config
         self.margin = margin  # cells beyond all rays that belong to the window, too
+        self.limits = limits
         self.model_config = model
         self.model = ForwardModel.from_config(model)
         self.spec = GridSpec(config.resolution, 1, 1)
@@ -134,8 +125,9 @@ class RayWindow:
         if rays is None:
             return 0
         first_ray = self.index.n_rays
+        box = box if self.limits is None else self.limits
         spec = self.spec.windowed(self.spec.box.union(box) if first_ray else box)
-        at_most = self.index.n_pairs + int(_most_cells(rays).sum())
+        at_most = self.index.n_pairs + int(most_cells(rays).sum())
         self._check_memory(WindowSize(first_ray + rays.length.size, at_most, spec.box))
         rays = rays._replace(column=rays.column - spec.column0, row=rays.row - spec.row0)
         self.index = _extended(self.index, self.spec, spec, rays, self.model)
@@ -144,10 +136,10 @@ class RayWindow:
 
     def size_of(self, scan: Scan, sensor: Pose2D) -> WindowSize:
         """Return what a scan adds to a window; raises GridError for a ray that is too long."""
-        rays = self._cast_one(scan, sensor)
+        rays = rays_of_scan(scan, sensor, self.config, self.model.sigma_m)
         if rays.length.size == 0:
             return WindowSize(0, 0, CellBox(0, 0, 0, 0))
-        return WindowSize(rays.length.size, int(_most_cells(rays).sum()), self._box_around(rays))
+        return WindowSize(rays.length.size, int(most_cells(rays).sum()), self._box_around(rays))
 
     @property
     def most_bytes(self) -> float:
@@ -158,64 +150,15 @@ class RayWindow:
         """Return the rays in lattice cells, and a box around all of them and the margin."""
         parts, box = [], CellBox(0, 0, 0, 0)
         for scan, sensor in placements:
-            rays = self._cast_one(scan, sensor)
+            rays = rays_of_scan(scan, sensor, self.config, self.model.sigma_m)
+            if self.limits is not None:
+                rays = limited(rays, self.limits, self.config.resolution)
             if rays.length.size:
                 parts.append(rays)
                 box = box.union(self._box_around(rays))
         if not parts:
             return None, box
         return BeamRays(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True))), box
-
-    def _cast_one(self, scan: Scan, sensor: Pose2D) -> BeamRays:
-        config = self.config
-        if config.beam_stride > 1:
-            scan = replace(
-                scan,
-                ranges_m=np.ascontiguousarray(scan.ranges_m[:: config.beam_stride]),
-                angle_increment_rad=scan.angle_increment_rad * config.beam_stride,
-            )
-        spec = GridSpec(config.resolution, 1, 1)
-        cast = cast_rays(
-            scan,
-            sensor,
-            spec,
-            max_range_m=config.max_range,
-            no_return_clears=config.no_return == 'clear',
-        )
-        n = cast.n_rays
-        # Readings and directions as they are: those of end points were rounded, and an end point
-        # next to the sensor has no direction at all.
-        reading = scan.ranges_m.astype(np.float64)
-        used = (reading > 0.0) & (reading >= scan.range_min_m) & (reading <= scan.range_max_m)
-        if config.no_return == 'clear':
-            used |= reading == np.inf
-        reading = reading[used]
-        ahead, left = scan.directions()[:, used]
-        cosine, sine = np.cos(sensor.yaw_rad), np.sin(sensor.yaw_rad)
-        reach = scan.range_max_m
-        if config.max_range > 0.0:
-            reach = min(reach, config.max_range)
-        hit = reading <= reach
-        length = np.full(n, reach / config.resolution)
-        if config.cut_sigma > 0.0:
-            behind = (reading + config.cut_sigma * self.model.sigma_m) / config.resolution
-            length[hit] = np.minimum(length, behind)[hit]
-        if n and length.max() * 2.0 > MAX_POSITIONS:
-            raise GridError(
-                f'a ray of {length.max():.0f} cells: expected at most {MAX_POSITIONS // 2}; '
-                'set max_range'
-            )
-        return BeamRays(
-            np.full(n, cast.column),
-            np.full(n, cast.row),
-            np.full(n, cast.x),
-            np.full(n, cast.y),
-            ahead * cosine - left * sine,
-            ahead * sine + left * cosine,
-            length,
-            np.where(hit, reading, np.inf),
-            np.full(n, reach),
-        )
 
     def _box_around(self, rays: BeamRays) -> CellBox:
         end_x, end_y = rays.x + rays.length * rays.ux, rays.y + rays.length * rays.uy
@@ -234,14 +177,6 @@ class RayWindow:
                 f'max_memory_mb = {self.config.max_memory_mb:g}; use fewer scans, a larger '
                 'beam_stride, resolution or cut_sigma'
             )
-
-
-def _most_cells(rays: BeamRays) -> AnyArray:
-    """Return how many cells each ray crosses at most."""
-    across = np.abs(np.floor(rays.x + rays.length * rays.ux) - np.floor(rays.x))
-    up = np.abs(np.floor(rays.y + rays.length * rays.uy) - np.floor(rays.y))
-    cells: AnyArray = (across + up).astype(np.int64) + 1
-    return cells
 
 
 def _empty_index() -> RayIndex:
@@ -274,7 +209,7 @@ def _extended(
 ) -> RayIndex:
     """Return the index with more rays in a window that covers the old one; uses up `index`."""
     n_old, n_new = index.n_rays, index.n_rays + rays.length.size
-    t_old, t_most = index.n_pairs, index.n_pairs + int(_most_cells(rays).sum())
+    t_old, t_most = index.n_pairs, index.n_pairs + int(most_cells(rays).sum())
     counts, gain = _regridded(index, old, new)
     before = _beginnings(counts)
 

@@ -5,9 +5,13 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+import numpy as np
+
+from ogm_mcmc.arrays import Float64Array
 from ogm_mcmc.config import ForwardModelConfig
 from ogm_mcmc.sensors.forward_model_kernels import (
     range_log_likelihood,
+    range_log_likelihoods,
     unseen_log_likelihood,
 )
 
@@ -57,6 +61,14 @@ class ForwardModel(NamedTuple):
     def log_likelihood(self, reading_m: float, reach_m: float, distance_m: float) -> float:
         """Nats; `reading_m` may be inf (no return), `distance_m` inf (nothing on the ray)."""
         return float(range_log_likelihood(self, reading_m, reach_m, distance_m))
+
+    def log_density(
+        self, readings_m: Float64Array, distances_m: Float64Array, reach_m: float
+    ) -> Float64Array:
+        """`log_likelihood` (N,), nats, of readings (N,) given distances (N,), with one reach."""
+        log_p = np.empty(readings_m.size)
+        range_log_likelihoods(self, readings_m, reach_m, distances_m, log_p)
+        return log_p
 
     def cut_error(self, cut_sigma: float, reading_m: float, reach_m: float) -> float:
         """Bound, in nats, on what cutting a ray `cut_sigma` behind its reading changes.

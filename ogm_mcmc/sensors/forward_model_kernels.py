@@ -57,6 +57,13 @@ def range_log_likelihood(model, reading, reach, distance):
 
 
 @njit(cache=True, nogil=True)
+def range_log_likelihoods(model, readings, reach, distances, log_p):
+    """Fill log_p (N,) with the log-likelihood of each reading given each distance, nats."""
+    for n in range(log_p.size):
+        log_p[n] = range_log_likelihood(model, readings[n], reach, distances[n])
+
+
+@njit(cache=True, nogil=True)
 def unseen_log_likelihood(model, reading, reach, cut):
     """Log-likelihood given to "nothing up to `cut`", nats; nothing at all if that is the reach.
 

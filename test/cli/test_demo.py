@@ -28,15 +28,16 @@ def test_demo_without_input_maps_the_simulated_building(run_cli, tmp_path):
     refined = result['refined']
     assert refined['saved'] == str(tmp_path / 'out' / 'demo' / 'map_refined.yaml')
     assert refined['stopped_because'] in ('converged', 'time')
-    assert refined['beam_stride'] == 5
-    assert 80_000 < refined['rays'] < 84_000
-    assert refined['sweeps'] > 20
+    assert refined['beam_stride'] == 9
+    assert 44_000 < refined['rays'] < 48_000
+    assert refined['sweeps'] > 10
     assert 'refine: ' in done.stderr
     live = load_map(tmp_path / 'out' / 'demo' / 'map.yaml')
     sampled = load_map(tmp_path / 'out' / 'demo' / 'map_refined.yaml')
-    assert live.probability.shape == pytest.approx(sampled.probability.shape, abs=4)
+    # The refined map may show something of what is behind the walls.
+    assert sampled.probability.shape == pytest.approx(live.probability.shape, abs=60)
     assert (sampled.probability == 1.0).sum() > 1000
-    assert (sampled.probability == 0.0).mean() > 0.7
+    assert (sampled.probability == 0.0).mean() > 0.6
     with Image.open(result['side_by_side']) as sheet:
         assert sheet.size[0] > 2 * 2 * 322
         assert sheet.size[1] > 2 * 242

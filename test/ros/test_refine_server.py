@@ -34,6 +34,9 @@ QUICK = {
     'model.sigma': 0.03,
     'map_update_interval': 0.2,
     'niceness': 0,
+    # Of independent cells: they mix in a few sweeps.
+    'patch.prior': 'uniform',
+    'patch.size': 1,
 }
 ENDLESS = {'max_time': 1000.0, 'max_sweeps': 10**8, 'r_hat': 0.0}
 
@@ -311,6 +314,8 @@ def test_publisher_vanishes_and_the_end_comes_in_mid_sweep(walks):
             observer.until(lambda: int(client.values()['scans recorded']) > 40)
             player.process.kill()
             player.wait()
+        seen = len(client.reports)
+        observer.until(lambda: len(client.reports) >= seen + 2)
         recorded = client.values()['scans recorded']
         client.refine()
         observer.until(lambda: client.sweeps() > 200)

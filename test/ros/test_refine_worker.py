@@ -192,6 +192,26 @@ def test_a_state_that_cannot_be_written_is_said(make, tmp_path):
     assert worker.result.final
 
 
+def test_an_index_is_not_waited_for(monkeypatch):
+    """It may take long and cannot be interrupted; the map of before is still there."""
+    worker, said, go_on = RefineWorker(CONFIG), [], threading.Event()
+    worker.log = said.append
+    worker.refine(scans(3), StopConfig(max_sweeps=10, r_hat=0.0))
+    until(lambda: idle(worker, 'sweeps'))
+    before, take = worker.result, Refinement.take
+    monkeypatch.setattr(Refinement, 'take', lambda *a: go_on.wait(30.0) and take(*a))
+    worker.refine(scans(4), ENDLESS)
+    until(lambda: worker.status.state == 'indexing')
+    started = time.monotonic()
+    worker.close()
+    assert 0.9 < time.monotonic() - started < 3.0
+    assert worker.running
+    assert worker.result is before
+    assert said == ['left an index unfinished']
+    go_on.set()
+    until(lambda: not worker.running)
+
+
 def test_a_bug_is_not_swallowed(monkeypatch):
     def broken(*_):
         raise ZeroDivisionError

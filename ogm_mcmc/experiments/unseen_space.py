@@ -1,0 +1,67 @@
+"""What a posterior map says where nothing was measured, by where its chains start.
+
+A border-conditioned sampler keeps a solid block as it is for thousands of sweeps: started from
+the thresholded live map, in which unmeasured cells are occupied ([patch]), unseen space stays
+occupied, and the mean says so with certainty. Chains that start from all occupied, all free, the
+live map and a draw from the prior disagree there, and the mean says "unknown".
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ogm_mcmc.config import ForwardModelConfig
+from ogm_mcmc.experiments import intel
+from ogm_mcmc.experiments.map_samples import METHODS, config_of, sample_map
+from ogm_mcmc.plotting import probability_png
+from ogm_mcmc.refinement import hide_uncertain
+
+__all__ = ['STARTS', 'unseen']
+
+STARTS = ('live', 'dispersed')
+CHAINS = 4
+
+# A cell is shown when it is more certain than the prior by so much, as refine_server does.
+MARGIN = 0.02
+
+
+def unseen(
+    data: str,
+    pictures: str,
+    resolution: float,
+    number: int,
+    start: str,
+    sweeps: list[int],
+    seed: int,
+) -> dict[str, Any]:
+    """Return the share of cells left unknown: never measured ones that count, and measured."""
+    logs = intel.read_intel(Path(data))
+    benchmark = intel.benchmark_of(logs, resolution)
+    used = intel.split(logs, number).used
+    live = intel.traditional_map(used, resolution)
+    config = config_of(
+        METHODS['border9'],
+        resolution,
+        ForwardModelConfig(),
+        prior=intel.CELL_PRIOR,
+        threshold=intel.THRESHOLD,
+        burn_in=sweeps[0],
+        seed=seed,
+    )
+    config = replace(config, chain=replace(config.chain, start=start, chains=CHAINS))
+    found = sample_map(config, used, intel.window_box(resolution), live, sweeps=sweeps[1])
+    shown = hide_uncertain(found.mean, intel.CELL_PRIOR, MARGIN)
+    (Path(pictures) / f'unseen_{start}.png').write_bytes(probability_png(shown.probability))
+    measured = np.isfinite(live.probability)
+    unknown = ~np.isfinite(shown.probability)
+    beyond = benchmark.counted & ~measured
+    return {
+        'unknown_of_never_measured': float(unknown[beyond].mean()),
+        'unknown_of_measured': float(unknown[measured].mean()),
+        'occupied_of_never_measured': float((found.mean.probability[beyond] >= 0.9).mean()),
+        'settings': found.settings,
+    }

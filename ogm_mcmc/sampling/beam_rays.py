@@ -1,0 +1,121 @@
+"""Scans as rays of a window: where each begins, its direction, how far it is followed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from ogm_mcmc.arrays import AnyArray, Float64Array
+from ogm_mcmc.config import WindowConfig
+from ogm_mcmc.errors import GridError
+from ogm_mcmc.geometry import CellBox, GridSpec, Pose2D, Scan, cast_rays
+
+__all__ = ['BeamRays', 'limited', 'most_cells', 'rays_of_scan']
+
+# A position on a ray is a uint16, and the last one stands for "nothing".
+MAX_POSITIONS = 65_000
+
+# Rays end so far inside of the limits of a window, cells: more than rounding takes them outside.
+RIM = 1e-6
+
+
+class BeamRays(NamedTuple):
+    """N rays (all arrays (N,)): sensor cell `column`, `row`, the sensor in it at `x`, `y`;
+    direction `ux`, `uy`; `length` in cells; `reading` and `reach` in m, reading inf for none.
+    """  # noqa: D205
+
+    column: AnyArray
+    row: AnyArray
+    x: Float64Array
+    y: Float64Array
+    ux: Float64Array
+    uy: Float64Array
+    length: Float64Array
+    reading: Float64Array
+    reach: Float64Array
+
+
+def rays_of_scan(scan: Scan, sensor: Pose2D, config: WindowConfig, sigma_m: float) -> BeamRays:
+    """Return the rays of a scan, followed as far as the configuration says.
+
+    Raises GridError for a ray that is too long.
+    """
+    if config.beam_stride > 1:
+        scan = replace(
+            scan,
+            ranges_m=np.ascontiguousarray(scan.ranges_m[:: config.beam_stride]),
+            angle_increment_rad=scan.angle_increment_rad * config.beam_stride,
+        )
+    spec = GridSpec(config.resolution, 1, 1)
+    cast = cast_rays(
+        scan,
+        sensor,
+        spec,
+        max_range_m=config.max_range,
+        no_return_clears=config.no_return == 'clear',
+    )
+    n = cast.n_rays
+    # Readings and directions as they are: those of end points were rounded, and an end point
+    # next to the sensor has no direction at all.
+    reading = scan.ranges_m.astype(np.float64)
+    used = (reading > 0.0) & (reading >= scan.range_min_m) & (reading <= scan.range_max_m)
+    if config.no_return == 'clear':
+        used |= reading == np.inf
+    reading = reading[used]
+    ahead, left = scan.directions()[:, used]
+    cosine, sine = np.cos(sensor.yaw_rad), np.sin(sensor.yaw_rad)
+    reach = scan.range_max_m
+    if config.max_range > 0.0:
+        reach = min(reach, config.max_range)
+    hit = reading <= reach
+    length = np.full(n, reach / config.resolution)
+    if config.cut_sigma > 0.0:
+        behind = (reading + config.cut_sigma * sigma_m) / config.resolution
+        length[hit] = np.minimum(length, behind)[hit]
+    if n and length.max() * 2.0 > MAX_POSITIONS:
+        raise GridError(
+            f'a ray of {length.max():.0f} cells: expected at most {MAX_POSITIONS // 2}; '
+            'set max_range'
+        )
+    return BeamRays(
+        np.full(n, cast.column),
+        np.full(n, cast.row),
+        np.full(n, cast.x),
+        np.full(n, cast.y),
+        ahead * cosine - left * sine,
+        ahead * sine + left * cosine,
+        length,
+        np.where(hit, reading, np.inf),
+        np.full(n, reach),
+    )
+
+
+def limited(rays: BeamRays, box: CellBox, resolution: float) -> BeamRays:
+    """Return the rays of one scan as a sensor sees them that reaches to the rim of a box."""
+    if not rays.length.size:
+        return rays
+    column, row = int(rays.column[0]), int(rays.row[0])
+    if not (box.column0 <= column < box.column1 and box.row0 <= row < box.row1):
+        return BeamRays(*(array[:0] for array in rays))
+    with np.errstate(divide='ignore', invalid='ignore'):
+        side = np.where(rays.ux > 0.0, box.column1 - column, box.column0 - column)
+        up_to = np.where(rays.uy > 0.0, box.row1 - row, box.row0 - row)
+        to_side = np.where(rays.ux == 0.0, np.inf, (side - rays.x) / rays.ux)
+        to_end = np.where(rays.uy == 0.0, np.inf, (up_to - rays.y) / rays.uy)
+    rim = np.maximum(np.minimum(to_side, to_end) - RIM, 0.0)
+    reach = np.minimum(rays.reach, np.maximum(rim, RIM) * resolution)
+    return rays._replace(
+        length=np.minimum(rays.length, rim),
+        reading=np.where(rays.reading <= reach, rays.reading, np.inf),
+        reach=reach,
+    )
+
+
+def most_cells(rays: BeamRays) -> AnyArray:
+    """Return how many cells each ray crosses at most."""
+    across = np.abs(np.floor(rays.x + rays.length * rays.ux) - np.floor(rays.x))
+    up = np.abs(np.floor(rays.y + rays.length * rays.uy) - np.floor(rays.y))
+    cells: AnyArray = (across + up).astype(np.int64) + 1
+    return cells

@@ -1,0 +1,57 @@
+"""Maps that chains start from, on the cells of a window."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ogm_mcmc.arrays import UInt8Array
+from ogm_mcmc.config import MapperConfig, WindowConfig
+from ogm_mcmc.errors import GridError
+from ogm_mcmc.geometry import GridMap, GridSpec
+from ogm_mcmc.mapping import make_method
+from ogm_mcmc.placement import Placement
+
+__all__ = ['cells_on', 'check_lattice', 'live_map']
+
+
+def live_map(scans: Sequence[Placement], window: WindowConfig) -> GridMap:
+    """Return the two-assumption map of the same scans on the same lattice."""
+    mapper = make_method(
+        MapperConfig(
+            resolution=window.resolution, max_range=window.max_range, no_return=window.no_return
+        )
+    )
+    for scan, belief in scans:
+        mapper.update(scan, belief)
+    return GridMap(mapper.spec, mapper.probabilities(mapper.spec.box))
+
+
+def cells_on(spec: GridSpec, grid: GridMap, threshold: float, elsewhere: float) -> UInt8Array:
+    """Return a map (K,) of a window: 1 where `grid` is at least at a threshold.
+
+    Cells that `grid` does not know have the probability `elsewhere`.
+    """
+    check_lattice(spec, grid)
+    cells = np.full((spec.height, spec.width), elsewhere >= threshold, np.uint8)
+    common = spec.box.intersection(grid.spec.box)
+    if not common.empty:
+        known = np.nan_to_num(grid.probability[grid.spec.slices(common)], nan=elsewhere)
+        cells[spec.slices(common)] = known >= threshold
+    return cells.reshape(-1)
+
+
+def check_lattice(spec: GridSpec, grid: GridMap) -> None:
+    """Raise GridError unless the cells of `grid` are those of a window's lattice."""
+    same = (
+        grid.spec.resolution_m == spec.resolution_m
+        and grid.spec.anchor_x_m == spec.anchor_x_m
+        and grid.spec.anchor_y_m == spec.anchor_y_m
+    )
+    if not same:
+        raise GridError(
+            f'start map with cells of {grid.spec.resolution_m:g} m anchored at '
+            f'({grid.spec.anchor_x_m:g}, {grid.spec.anchor_y_m:g}): expected '
+            f'{spec.resolution_m:g} m at ({spec.anchor_x_m:g}, {spec.anchor_y_m:g})'
+        )
