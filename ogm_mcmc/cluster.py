@@ -243,7 +243,9 @@ def _built(problem: Problem) -> PosteriorModel:
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder) / 'prior.npz'
             file.write_bytes(prior)
-            sampler = _taken(replace(config, patch=replace(config.patch, file=str(file))), scans)
+            sampler = _taken(
+                replace(config, patch=replace(config.patch, prior_file=str(file))), scans
+            )
     found = sampler.model.index.n_rays, sampler.model.n_cells
     if found != (problem.n_rays, problem.n_cells):
         raise WindowError(
