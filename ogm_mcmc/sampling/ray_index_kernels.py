@@ -69,7 +69,9 @@ def trace_rays(
     for n in range(rays.length.size):
         x, y, ux, uy = rays.x[n], rays.y[n], rays.ux[n], rays.uy[n]
         length, reading, reach = rays.length[n], rays.reading[n], rays.reach[n]
-        count = trace_ray(0, 0, x, y, x + length * ux, y + length * uy, columns, rows)
+        # Not plain zeros: Numba would compile `trace_ray` once more for them.
+        zero = np.int64(0)
+        count = trace_ray(zero, zero, x, y, x + length * ux, y + length * uy, columns, rows)
         first_cell[n] = rays.row[n] * width + rays.column[n]
         across[n] = 1 if ux > 0.0 else -1
         up[n] = width if uy > 0.0 else -width
