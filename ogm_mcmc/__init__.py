@@ -12,10 +12,9 @@ predicted cells           `ogm_mcmc.mapping.random_field`      [field]
 reflection probabilities  `ogm_mcmc.mapping.counting`          [slides]
 maps from sonars          `ogm_mcmc.mapping.sonar`             [slides]
 inverse sensor models     `ogm_mcmc.sensors.inverse_model`     [pose] Eq. 4, [slides]
-full posterior, sampled   `ogm_mcmc.sampling`, `.refinement`   [gibbs] section III
+full posterior, sampled   `ogm_mcmc.sampling`, `.refinement`   [gibbs] section III, [patch]
 full posterior, exactly   `ogm_mcmc.exact`                     [gibbs] section II
 exact ray traversal       `ogm_mcmc.geometry`                  none, see its design note
-full posterior            `ogm_mcmc.refinement`                [gibbs] section III, [patch]
 full posterior, live      `ogm_mcmc.ros.refine_server`         node `refine_server`
 learned patch priors      `ogm_mcmc.sampling.patch_prior`      [patch] section III
 joint patch prior         `ogm_mcmc.sampling.patch_field`      none, see its docstring
