@@ -7,7 +7,6 @@ import time
 from pathlib import Path
 from typing import Any
 
-import rclpy
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
@@ -215,7 +214,7 @@ class OnlineMapper(Node):
 
 def main(args: list[str] | None = None) -> None:
     """Run the node until Ctrl-C or SIGTERM."""
-    sys.exit(run_node(OnlineMapper, rclpy.spin, args))
+    sys.exit(run_node(OnlineMapper, args))
 
 
 if __name__ == '__main__':

@@ -13,7 +13,6 @@ from nav_msgs.srv import GetMap
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import Trigger
 
 from ogm_mcmc.arrays import Int8Array
@@ -34,7 +33,7 @@ from ogm_mcmc.ros.diagnostics import DIAGNOSTICS_S, Diagnostics
 from ogm_mcmc.ros.latched_grid import LatchedGrid, grid_message
 from ogm_mcmc.ros.parameters import ParameterSet
 from ogm_mcmc.ros.refine_worker import RefinedMap, RefineWorker
-from ogm_mcmc.ros.running import StopSignal, run_node
+from ogm_mcmc.ros.running import run_node
 from ogm_mcmc.ros.scan_intake import ScanIntake
 from ogm_mcmc.ros.settings import (
     REFINE_CONFIGS,
@@ -325,8 +324,7 @@ def _progress_values(progress: Any) -> dict[str, object]:
 
 def main(args: list[str] | None = None) -> None:
     """Run the node until Ctrl-C or SIGTERM."""
-    with StopSignal() as told:
-        sys.exit(run_node(RefineServer, told.spin, args, SignalHandlerOptions.NO))
+    sys.exit(run_node(RefineServer, args))
 
 
 if __name__ == '__main__':

@@ -13,10 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import rclpy
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.exceptions import NameValidationException
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
@@ -32,7 +30,7 @@ from ogm_mcmc.io.bags import BagReader, BagRecord, BagTopic
 from ogm_mcmc.io.messages import time_parts
 from ogm_mcmc.ros.pacing import Pacer
 from ogm_mcmc.ros.parameters import ParameterSet
-from ogm_mcmc.ros.running import ros_args_explained, run_node
+from ogm_mcmc.ros.running import StopSignal, ros_args_explained, run_node
 from ogm_mcmc.ros.settings import ReplayConfig
 
 __all__ = ['Replay', 'main', 'replay']
@@ -270,32 +268,23 @@ def _profile(topic: BagTopic) -> QoSProfile:
     )
 
 
-def _spin_while_playing(node: Replay) -> None:
+def _spin_while_playing(node: Replay, told: StopSignal) -> None:
     def work() -> None:
         try:
             node.play()
-        except RCLError as error:
-            # On Ctrl-C the context may go while a message is being published.
-            if rclpy.ok():
-                node.failure = error
         except BaseException as error:
             node.failure = error
         finally:
             node.stopped.set()
 
     player = threading.Thread(target=work, name='replay')
-    executor = SingleThreadedExecutor()
-    executor.add_node(node)
     player.start()
     try:
-        while not node.stopped.is_set():
-            executor.spin_once(timeout_sec=0.1)
-    except (KeyboardInterrupt, ExternalShutdownException):
-        node.stopped.set()
+        told.spin(node, lambda: not node.stopped.is_set())
     finally:
+        node.stopped.set()
         node.running.set()
         player.join()
-        executor.remove_node(node)
     if node.failure is not None:
         raise node.failure
 
@@ -310,7 +299,7 @@ def replay(options: argparse.Namespace, ros_args: list[str] | None = None) -> in
         nodes.append(Replay(Path(options.bag).expanduser(), parameter_overrides=overrides))
         return nodes[0]
 
-    code = run_node(make, _spin_while_playing, ros_args)
+    code = run_node(make, ros_args, _spin_while_playing)
     if options.json and nodes:
         print(json.dumps(nodes[0].counts.as_dict()))
     return code

@@ -11,7 +11,7 @@ from typing import Any, Self
 
 import rclpy
 from rclpy._rclpy_pybind11 import RCLError, RCLInvalidROSArgsError, UnknownROSArgsError
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
@@ -25,8 +25,9 @@ LOOK_EVERY_S = 0.1
 class StopSignal:
     """SIGINT and SIGTERM, noted instead of ending ROS: a node can still say its last word.
 
-    Pass `signals=SignalHandlerOptions.NO` to `run_node`, and `spin`, which calls the node's
-    `finish()` while it can still publish. Before that a signal raises KeyboardInterrupt.
+    An exception in the middle of a call into ROS may come out as another one, or not at all. So a
+    signal raises KeyboardInterrupt only before `spin`, and where C code is calling back then and
+    it cannot be raised (a kernel is compiled), `spin` ends at once.
     """
 
     def __init__(self) -> None:
@@ -39,7 +40,12 @@ class StopSignal:
             (number, signal.signal(number, self._note))
             for number in (signal.SIGINT, signal.SIGTERM)
         ]
+        self._hook_before, sys.unraisablehook = sys.unraisablehook, self._unraisable
         return self
+
+    def _unraisable(self, unraisable: Any) -> None:
+        if unraisable.exc_type is not KeyboardInterrupt:
+            self._hook_before(unraisable)
 
     def __exit__(
         self,
@@ -50,21 +56,25 @@ class StopSignal:
         """Put back what was there."""
         for number, handler in self._before:
             signal.signal(number, handler)
+        sys.unraisablehook = self._hook_before
 
     def _note(self, number: int, frame: FrameType | None) -> None:
         first, self.asked = not self.asked, True
         if first and not self._spinning:
             raise KeyboardInterrupt
 
-    def spin(self, node: Any) -> None:
-        """Handle messages until a signal comes, then let the node finish."""
+    def spin(self, node: Any, going: Callable[[], bool] = lambda: True) -> None:
+        """Handle messages while a condition holds and no signal comes.
+
+        Then let the node `finish()`, if it has such a method, while it can still publish.
+        """
         executor = SingleThreadedExecutor(context=node.context)
         executor.add_node(node)
         self._spinning = True
         try:
-            while not self.asked and node.context.ok():
+            while not self.asked and going() and node.context.ok():
                 executor.spin_once(timeout_sec=LOOK_EVERY_S)
-            node.finish()
+            getattr(node, 'finish', lambda: None)()
         finally:
             executor.shutdown()
 
@@ -81,34 +91,30 @@ def ros_args_explained() -> Iterator[None]:
 
 def run_node(
     make: Callable[[], Node],
-    spin: Callable[[Node], None],
     args: list[str] | None,
-    signals: SignalHandlerOptions = SignalHandlerOptions.ALL,
+    spin: Callable[[Any, StopSignal], None] = lambda node, told: told.spin(node),
 ) -> int:
     """Make a node, spin it, clean up; return the exit code (2: a user's mistake)."""
-    try:
-        with ros_args_explained():
-            rclpy.init(args=args, signal_handler_options=signals)
-    except ConfigError as error:
-        print(f'error: {error}', file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        return 0
-    node: Node | None = None
-    try:
-        node = make()
-        spin(node)
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
-    except RCLError:
-        # Told to stop while still starting: the context goes before the node is complete.
-        if rclpy.ok():
-            raise
-    except OgmError as error:
-        print(f'error: {error}', file=sys.stderr)
-        return 2
-    finally:
-        if node is not None:
-            node.destroy_node()
-        rclpy.try_shutdown()
+    with StopSignal() as told:
+        try:
+            with ros_args_explained():
+                rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+        except ConfigError as error:
+            print(f'error: {error}', file=sys.stderr)
+            return 2
+        except KeyboardInterrupt:
+            return 0
+        node: Node | None = None
+        try:
+            node = make()
+            spin(node, told)
+        except KeyboardInterrupt:
+            pass
+        except OgmError as error:
+            print(f'error: {error}', file=sys.stderr)
+            return 2
+        finally:
+            if node is not None:
+                node.destroy_node()
+            rclpy.try_shutdown()
     return 0
