@@ -20,6 +20,7 @@ from ogm_mcmc.arrays import BoolArray
 from ogm_mcmc.config import MapperConfig
 from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.evaluation import near
+from ogm_mcmc.experiments.windows import method_in
 from ogm_mcmc.geometry import CellBox, GridMap, GridSpec, Pose2D, PoseBelief, Scan
 from ogm_mcmc.io.carmen import LogScan, read_carmen
 from ogm_mcmc.mapping import make_method
@@ -138,12 +139,7 @@ def traditional_map(scans: Placed, resolution_m: float) -> GridMap:
     for scan, pose in scans:
         method.update(scan, PoseBelief(pose))
     box = window_box(resolution_m)
-    spec = GridSpec(resolution_m, 1, 1).windowed(box)
-    probability = np.full((spec.height, spec.width), np.nan, np.float32)
-    common = method.spec.box.intersection(box)
-    if not common.empty:
-        probability[spec.slices(common)] = method.probabilities(common)
-    return GridMap(spec, probability)
+    return GridMap(GridSpec(resolution_m, 1, 1).windowed(box), method_in(method, box))
 
 
 def benchmark_of(logs: Sequence[LogScan], resolution_m: float) -> Benchmark:

@@ -16,13 +16,7 @@ def map_in(grid_map: GridMap, box: CellBox) -> Float32Array:
     out: Float32Array = np.full(
         (box.row1 - box.row0, box.column1 - box.column0), np.nan, np.float32
     )
-    own = grid_map.spec.box
-    both = CellBox(
-        max(box.column0, own.column0),
-        max(box.row0, own.row0),
-        min(box.column1, own.column1),
-        min(box.row1, own.row1),
-    )
+    both = box.intersection(grid_map.spec.box)
     if not both.empty:
         target = grid_map.spec.windowed(box).slices(both)
         out[target] = grid_map.probability[grid_map.spec.slices(both)]

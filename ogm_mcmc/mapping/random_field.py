@@ -77,7 +77,7 @@ class RandomFieldMapper:
             self.observed.grid.cover(seen)
         self.observed.update(scan, belief)
         self._mark(seen)
-        return _overlap(_widened(seen, self.field.radius), self.spec.box)
+        return _widened(seen, self.field.radius).intersection(self.spec.box)
 
     def _mark(self, box: CellBox) -> None:
         if self._stale and self._stale[-1].union(box).n_cells <= 2 * box.n_cells:
@@ -152,12 +152,3 @@ class RandomFieldMapper:
 
 def _widened(box: CellBox, by: int) -> CellBox:
     return CellBox(box.column0 - by, box.row0 - by, box.column1 + by, box.row1 + by)
-
-
-def _overlap(one: CellBox, other: CellBox) -> CellBox:
-    return CellBox(
-        max(one.column0, other.column0),
-        max(one.row0, other.row0),
-        min(one.column1, other.column1),
-        min(one.row1, other.row1),
-    )
