@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from ogm_mcmc.errors import OutputError
 from ogm_mcmc.plotting import Page, Picture
 
 __all__ = ['make_page', 'row', 'table_text']
@@ -27,7 +28,7 @@ def make_page(folder: Path, result: dict[str, Any]) -> Page:
     for note in result.get('notes', ()):
         page.text(note)
     pictures = [
-        Picture((folder / name).read_bytes(), caption)
+        Picture(_content(folder / name), caption)
         for name, caption in result.get('pictures', {}).items()
     ]
     if pictures:
@@ -35,6 +36,17 @@ def make_page(folder: Path, result: dict[str, Any]) -> Page:
     page.heading('Settings')
     page.table(('setting', 'value'), list(result.get('settings', {}).items()))
     return page
+
+
+def _content(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        # Finished parts are not computed again, and their pictures not drawn again.
+        raise OutputError(
+            f'{path}: {error.strerror}; expected the picture of an earlier run: remove '
+            f'{path.parent} and what else the experiment left, to do all of it again'
+        ) from error
 
 
 def table_text(result: dict[str, Any]) -> str:

@@ -15,7 +15,15 @@ from typing import Any
 import numpy as np
 
 from ogm_mcmc.config import ForwardModelConfig
-from ogm_mcmc.experiments import intel
+from ogm_mcmc.experiments.hardware_sets import (
+    CELL_PRIOR,
+    THRESHOLD,
+    benchmark_of,
+    split,
+    traditional_map,
+    window_box,
+)
+from ogm_mcmc.experiments.intel import INTEL
 from ogm_mcmc.experiments.map_samples import METHODS, config_of, sample_map
 from ogm_mcmc.plotting import probability_png
 from ogm_mcmc.refinement import hide_uncertain
@@ -39,22 +47,23 @@ def unseen(
     seed: int,
 ) -> dict[str, Any]:
     """Return the share of cells left unknown: never measured ones that count, and measured."""
-    logs = intel.read_intel(Path(data))
-    benchmark = intel.benchmark_of(logs, resolution)
-    used = intel.split(logs, number).used
-    live = intel.traditional_map(used, resolution)
+    scans = INTEL.scans(Path(data))
+    box = window_box(INTEL, scans, resolution)
+    benchmark = benchmark_of(scans, box, resolution)
+    used = split(INTEL, scans, number).used
+    live = traditional_map(used, box, resolution)
     config = config_of(
         METHODS['border9'],
         resolution,
         ForwardModelConfig(),
-        prior=intel.CELL_PRIOR,
-        threshold=intel.THRESHOLD,
+        prior=CELL_PRIOR,
+        threshold=THRESHOLD,
         burn_in=sweeps[0],
         seed=seed,
     )
     config = replace(config, chain=replace(config.chain, start=start, chains=CHAINS))
-    found = sample_map(config, used, intel.window_box(resolution), live, sweeps=sweeps[1])
-    shown = hide_uncertain(found.mean, intel.CELL_PRIOR, MARGIN)
+    found = sample_map(config, used, box, live, sweeps=sweeps[1])
+    shown = hide_uncertain(found.mean, CELL_PRIOR, MARGIN)
     (Path(pictures) / f'unseen_{start}.png').write_bytes(probability_png(shown.probability))
     measured = np.isfinite(live.probability)
     unknown = ~np.isfinite(shown.probability)

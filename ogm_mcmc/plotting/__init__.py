@@ -7,7 +7,7 @@ used, so that everything else works without.
 """
 
 from ogm_mcmc.plotting.curves import Series, curves_png, require_matplotlib
-from ogm_mcmc.plotting.images import agreement_png, heat_png, probability_png
+from ogm_mcmc.plotting.images import agreement_png, heat_png, kinds_png, probability_png
 from ogm_mcmc.plotting.page import Page, Picture
 
 __all__ = [
@@ -17,6 +17,7 @@ __all__ = [
     'agreement_png',
     'curves_png',
     'heat_png',
+    'kinds_png',
     'probability_png',
     'require_matplotlib',
 ]

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Sequence
 
 import numpy as np
 from PIL import Image
 
 from ogm_mcmc.arrays import AnyArray, BoolArray, UInt8Array
 
-__all__ = ['agreement_png', 'heat_png', 'probability_png']
+__all__ = ['agreement_png', 'heat_png', 'kinds_png', 'probability_png']
 
 UNKNOWN_COLOUR = (190, 198, 208)
 WHITE = (255, 255, 255)
@@ -59,4 +60,9 @@ def agreement_png(called: BoolArray, occupied: BoolArray, counted: BoolArray) ->
     kinds[~called & occupied] = 1
     kinds[called & ~occupied] = 2
     kinds[~counted] = 4
-    return _png(kinds, [value for colour in AGREEMENT_COLOURS for value in colour])
+    return kinds_png(kinds, AGREEMENT_COLOURS)
+
+
+def kinds_png(kinds: UInt8Array, colours: Sequence[tuple[int, int, int]]) -> bytes:
+    """Every cell in the colour (red, green, blue) of its kind."""
+    return _png(kinds, [value for colour in colours for value in colour])

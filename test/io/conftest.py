@@ -4,16 +4,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Ros2Writer
-from rosbags.typesys import Stores, get_typestore
 
 from ogm_mcmc.geometry import Pose2D
 from ogm_mcmc.io import ros_types
 from ogm_mcmc.io.bags import BagReader, BagWriter, typestore
-
-NOETIC = get_typestore(Stores.ROS1_NOETIC)
+from ogm_mcmc.testing.ros1_bags import write_ros1
 
 
 @pytest.fixture
@@ -98,44 +95,21 @@ def write_bag(tmp_path):
                 for topic, time_ns, message in records:
                     bag.write(topic, message.__msgtype__, time_ns, message)
             return path
-        if kind == 'sqlite3':
-            path, types = tmp_path / name, typestore()
-            writer = Ros2Writer(path, version=9, storage_plugin=StoragePlugin.SQLITE3)
-        else:
-            path, types = tmp_path / f'{name}.bag', NOETIC
-            writer = Ros1Writer(path)
-        with writer:
+        if kind == 'ros1':
+            path = tmp_path / f'{name}.bag'
+            write_ros1(path, records)
+            return path
+        path, types = tmp_path / name, typestore()
+        with Ros2Writer(path, version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
             connections = {}
             for topic, time_ns, message in records:
                 msgtype = message.__msgtype__
                 if topic not in connections:
                     connections[topic] = writer.add_connection(topic, msgtype, typestore=types)
-                raw = (
-                    types.serialize_cdr(message, msgtype)
-                    if kind == 'sqlite3'
-                    else types.serialize_ros1(as_ros1(message), msgtype)
-                )
-                writer.write(connections[topic], time_ns, raw)
+                writer.write(connections[topic], time_ns, types.serialize_cdr(message, msgtype))
         return path
 
     return write
-
-
-def as_ros1(message):
-    """Return the ROS 1 form of a message: the same fields, and a sequence number in the header."""
-    kind = getattr(message, '__msgtype__', None)
-    if isinstance(message, list):
-        return [as_ros1(member) for member in message]
-    if kind is None:
-        return message
-    fields = {
-        name: as_ros1(getattr(message, name))
-        for name in message.__dataclass_fields__
-        if name != '__msgtype__'
-    }
-    if kind == 'std_msgs/msg/Header':
-        fields['seq'] = 7
-    return NOETIC.types[kind](**fields)
 
 
 @pytest.fixture(scope='session')

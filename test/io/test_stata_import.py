@@ -14,12 +14,18 @@ from ogm_mcmc.config import MapperConfig
 from ogm_mcmc.errors import BagError, ConfigError, LogError, OutputError
 from ogm_mcmc.evaluation import aligned, distance_to
 from ogm_mcmc.geometry import Pose2D
-from ogm_mcmc.io import ros_types
 from ogm_mcmc.io.bags import BagReader
 from ogm_mcmc.io.scan_stream import PlacedScans, StreamChoice, choose_topics
 from ogm_mcmc.io.stata_import import StataOptions, TimedPose, import_stata, read_pose_file
 from ogm_mcmc.pipeline import MappingPipeline
-from ogm_mcmc.simulation import WORLDS, rasterised, true_ranges, walk
+from ogm_mcmc.simulation import WORLDS, rasterised, walk
+from ogm_mcmc.testing.stata_files import (
+    SCAN_US,
+    START_US,
+    laser_poses,
+    write_poses,
+    write_pr2,
+)
 
 EXCERPT = """\
 1327678621454971,29.3921,130.493,0.538698
@@ -28,10 +34,6 @@ EXCERPT = """\
 1327678633037916,29.3067,130.571,1.02759
 1327678640007882,28.7215,132.092,1.69557
 """
-START_US = 1_327_678_621_454_971
-SCAN_US = 25_000
-LASER_X = 0.275
-BEAMS, STEP = 1040, math.radians(0.25)
 
 
 @pytest.fixture(scope='module')
@@ -43,36 +45,21 @@ def bases():
 
 
 @pytest.fixture
-def pr2(bases, write_bag, tmp_path):
-    """The bag (every eighth scan only, to be quick) and the poses file; times in microseconds."""
-    walls = WORLDS['office']().walls
-    bearings = -0.5 * (BEAMS - 1) * STEP + STEP * np.arange(BEAMS)
-    records = []
-    for k, base in enumerate(bases):
-        stamp_ns = 1000 * (START_US + k * SCAN_US)
-        stored = stamp_ns + 3_000_000
-        if k % 4 == 0:
-            odom = ros_types.odometry(stamp_ns, Pose2D(3.0).compose(base), 0.8, 0.1)
-            records.append(('/base_odometry/odom', stored, odom))
-        if k % 8 == 0:
-            ranges = true_ranges(walls, base.compose(Pose2D(LASER_X)), bearings)
-            scan = ros_types.laser_scan(
-                stamp_ns, 'base_laser_link', ranges.astype(np.float32),
-                angle_min=float(bearings[0]), angle_increment=STEP, range_min=0.023,
-                range_max=30.0, scan_time=0.025,
-            )  # fmt: skip
-            records.append(('/base_scan', stored, scan))
-    laser = [base.compose(Pose2D(LASER_X)) for base in bases[::2]]
-    return write_bag(records, kind='ros1', name='pr2'), laser
+def pr2(bases, tmp_path):
+    """The bag (every eighth scan only, to be quick) and the poses of the laser."""
+    write_pr2(tmp_path / 'pr2.bag', WORLDS['office']().walls, bases, scan_every=8)
+    return tmp_path / 'pr2.bag', laser_poses(bases)
 
 
-def write_poses(path, poses, shift_us=0):
-    lines = [
-        f'{START_US + 2 * k * SCAN_US + shift_us},{p.x_m:.6g},{p.y_m:.6g},{p.yaw_rad:.6g}\n'
-        for k, p in enumerate(poses)
-    ]
-    path.write_text(''.join(lines))
-    return path
+@pytest.fixture
+def poses_file(tmp_path):
+    """Write a pose file."""
+
+    def write(poses, shift_us=0):
+        write_poses(tmp_path / 'poses', poses, shift_us)
+        return tmp_path / 'poses'
+
+    return write
 
 
 def mapped(bag_path):
@@ -98,9 +85,9 @@ def test_the_excerpt(tmp_path):
     assert poses[0] == TimedPose(1_327_678_621_454_971_000, Pose2D(29.3921, 130.493, 0.538698))
 
 
-def test_scans_poses_and_odometry_arrive(pr2, tmp_path, read_bag):
+def test_scans_poses_and_odometry_arrive(pr2, poses_file, tmp_path, read_bag):
     bag, laser = pr2
-    csv = write_poses(tmp_path / 'poses', laser)
+    csv = poses_file(laser)
     summary = import_stata(bag, csv, tmp_path / 'out')
     # The last pose is of scan 478; scans 0, 8, ..., 472 lie before it.
     assert (summary.poses, summary.scans, summary.odometry) == (240, 60, 120)
@@ -120,9 +107,9 @@ def test_scans_poses_and_odometry_arrive(pr2, tmp_path, read_bag):
     assert pose.pose.pose.position.x == pytest.approx(laser[7].x_m, abs=1e-4)
 
 
-def test_the_map_is_the_building(pr2, tmp_path):
+def test_the_map_is_the_building(pr2, poses_file, tmp_path):
     bag, laser = pr2
-    import_stata(bag, write_poses(tmp_path / 'poses', laser), tmp_path / 'out')
+    import_stata(bag, poses_file(laser), tmp_path / 'out')
     right = wall_error_m(tmp_path / 'out')
     assert right <= 0.051
     # The offset matters: taken for poses of the base, they put walls elsewhere.
@@ -131,10 +118,10 @@ def test_the_map_is_the_building(pr2, tmp_path):
     assert wall_error_m(tmp_path / 'wrong') > 2.0 * right
 
 
-def test_offsets_in_time_and_along_the_heading(pr2, bases, tmp_path):
+def test_offsets_in_time_and_along_the_heading(pr2, poses_file, bases, tmp_path):
     """Poses of the base, 82.2 s early: both offsets together put everything right."""
     bag, _ = pr2
-    csv = write_poses(tmp_path / 'poses', bases[::2], shift_us=-82_200_000)
+    csv = poses_file(bases[::2], shift_us=-82_200_000)
     with pytest.raises(BagError, match=r'no scan on /base_scan between two poses .*time-offset'):
         import_stata(bag, csv, tmp_path / 'out')
     assert not (tmp_path / 'out').exists()
@@ -146,9 +133,9 @@ def test_offsets_in_time_and_along_the_heading(pr2, bases, tmp_path):
     assert wall_error_m(tmp_path / 'late') > 0.1
 
 
-def test_gaps_repeats_and_disorder_are_counted(pr2, tmp_path):
+def test_gaps_repeats_and_disorder_are_counted(pr2, poses_file, tmp_path):
     bag, laser = pr2
-    csv = write_poses(tmp_path / 'poses', laser)
+    csv = poses_file(laser)
     lines = csv.read_text().splitlines(keepends=True)
     # 10 to 29 missing (1 s), one pose twice, two swapped, a blank line.
     kept = [*lines[4:10], *lines[30:60], lines[59], lines[61], lines[60], '\n', *lines[62:200]]
@@ -181,9 +168,9 @@ def test_pose_files_that_are_none(pr2, tmp_path, content, reason):
     assert not (tmp_path / 'out').exists()
 
 
-def test_other_mistakes(pr2, tmp_path):
+def test_other_mistakes(pr2, poses_file, tmp_path):
     bag, laser = pr2
-    csv = write_poses(tmp_path / 'poses', laser)
+    csv = poses_file(laser)
     with pytest.raises(BagError, match='/tilt_scan'):
         import_stata(bag, csv, tmp_path / 'out', StataOptions(scan_topic='/tilt_scan'))
     with pytest.raises(BagError, match='has type nav_msgs'):
@@ -198,9 +185,9 @@ def test_other_mistakes(pr2, tmp_path):
             StataOptions(**wrong)
 
 
-def test_the_command(pr2, tmp_path, capsys):
+def test_the_command(pr2, poses_file, tmp_path, capsys):
     bag, laser = pr2
-    csv = write_poses(tmp_path / 'poses', laser)
+    csv = poses_file(laser)
     arguments = ['import-stata', str(bag), '--poses', str(csv), '-o', str(tmp_path / 'out')]
     assert run(arguments) == 0
     assert 'scans      60 (left out: 0 before' in capsys.readouterr().out

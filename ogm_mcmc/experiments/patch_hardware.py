@@ -1,9 +1,10 @@
-"""Intel Research Lab, experiments 1 to 3 of [patch] section IV: Fig. 7 and 9, Table IV.
+"""Recorded buildings, [patch] section IV: Fig. 7, 8 and 9, Tables III and IV.
 
-Four maps of each experiment, `traditional`, `cell` (L = 1, independent cells), `patch9` and
-`border9` (L = 9 with the prior learned from buildings), are compared with the benchmark of
-[patch], which is itself a traditional map, and judged by the beams that the experiment leaves
-out, which takes no benchmark at all.
+Experiments 1 to 3 are of the Intel Research Lab, 4 to 6 of the MIT Stata Center. Four maps of
+each, `traditional`, `cell` (L = 1, independent cells), `patch9` and `border9` (L = 9 with the
+prior learned from buildings), are compared with the benchmark of [patch], which is itself a
+traditional map, and judged by the beams that the experiment leaves out, which takes no benchmark
+at all.
 """
 
 from __future__ import annotations
@@ -21,19 +22,42 @@ from ogm_mcmc.evaluation import (
     confusion_counts,
     log_likelihood_of_samples,
 )
-from ogm_mcmc.experiments import intel
+from ogm_mcmc.experiments.benchmark_picture import benchmark_with_rays
 from ogm_mcmc.experiments.datasets import run_all
+from ogm_mcmc.experiments.hardware_sets import (
+    CELL_PRIOR,
+    THRESHOLD,
+    Benchmark,
+    HardwareSet,
+    Placed,
+    benchmark_of,
+    data_folder,
+    split,
+    traditional_map,
+    window_box,
+    without_beams_that_leave,
+)
+from ogm_mcmc.experiments.intel import INTEL
 from ogm_mcmc.experiments.map_samples import METHODS as POSTERIORS
 from ogm_mcmc.experiments.map_samples import SampledMap, config_of, sample_map
-from ogm_mcmc.experiments.patch_intel_page import METHODS, THRESHOLDS, page_of, part_name
+from ogm_mcmc.experiments.patch_hardware_page import (
+    METHODS,
+    THRESHOLDS,
+    benchmark_name,
+    page_of,
+    part_name,
+)
 from ogm_mcmc.experiments.results import row
+from ogm_mcmc.experiments.stata import STATA
 from ogm_mcmc.experiments.unseen_space import STARTS, unseen
 from ogm_mcmc.geometry import GridMap
 from ogm_mcmc.io.map_files import writable_folder
 from ogm_mcmc.plotting import probability_png
 from ogm_mcmc.sensors.forward_model import ForwardModel
 
-__all__ = ['run', 'score']
+__all__ = ['SETS', 'run_intel', 'run_stata', 'score']
+
+SETS = {of.name: of for of in (INTEL, STATA)}
 
 # Sweeps that do not count, and that do. Without a border a sweep takes thirty times as long.
 SWEEPS = {'traditional': (0, 0), 'cell': (30, 100), 'patch9': (10, 20), 'border9': (100, 100)}
@@ -48,55 +72,25 @@ JUDGE = ForwardModelConfig()
 KEPT, MIXTURE_STRIDE = 20, 8
 
 
-def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
-    """Sample and score everything; quick: cells of 5 cm, few samples."""
-    data = intel.data_folder()
-    sweeps = QUICK_SWEEPS if quick else SWEEPS
-    pictures = writable_folder(folder / 'maps')
-    jobs: dict[str, dict[str, Any]] = {}
-    for resolution in (0.05,) if quick else (0.05, 0.02):
-        for number in intel.POSE_STRIDES:
-            common = {
-                'data': str(data),
-                'pictures': str(pictures),
-                'resolution': resolution,
-                'number': number,
-                'seed': seed,
-                'held_out_stride': 16 if quick else 2,
-            }
-            for method in METHODS:
-                jobs[part_name('beam', resolution, number, method)] = {
-                    **common, 'method': method, 'kind': 'beam', 'sweeps': list(sweeps[method]),
-                }  # fmt: skip
-            if not quick and resolution == 0.05:
-                for method in ('cell', 'border9'):
-                    jobs[part_name('gaussian', resolution, number, method)] = {
-                        **common, 'method': method, 'kind': 'gaussian',
-                        'sweeps': list(sweeps[method]),
-                    }  # fmt: skip
-    # The longest first, so that no core is left alone at the end.
-    order = sorted(jobs, key=lambda name: 'patch9' not in name)
-    found = run_all(
-        folder / 'parts', score, {name: jobs[name] for name in order}, title='patch-intel'
-    )
+def run_intel(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
+    """Experiments 1 to 3, and unseen space in experiment 3; quick: cells of 5 cm, few samples."""
+    result = _run(INTEL, folder, quick=quick, seed=seed)
     starts = run_all(
         folder / 'parts',
         unseen,
         {
             f'unseen_{start}': {
-                'data': str(data), 'pictures': str(pictures), 'resolution': 0.05, 'number': 3,
-                'start': start, 'seed': seed,
-                'sweeps': [10, 20] if quick else list(sweeps['border9']),
+                'data': str(data_folder(INTEL)),
+                'pictures': str(folder / 'maps'),
+                'resolution': 0.05,
+                'number': INTEL.sparsest,
+                'start': start,
+                'seed': seed,
+                'sweeps': [10, 20] if quick else list(SWEEPS['border9']),
             }
             for start in STARTS
         },
         title='unseen space',
-    )  # fmt: skip
-    result = page_of(
-        folder,
-        {name: found[name] for name in jobs},
-        f'{JUDGE.kind}, sigma {JUDGE.sigma} m, clutter {JUDGE.clutter}',
-        sweeps,
     )
     for start, one in starts.items():
         result['pictures'][f'maps/{start}.png'] = (
@@ -115,7 +109,49 @@ def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
     return {**result, 'unseen': starts}
 
 
+def run_stata(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
+    """Experiments 4 to 6; quick: cells of 10 cm, few samples."""
+    return _run(STATA, folder, quick=quick, seed=seed)
+
+
+def _run(of: HardwareSet, folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
+    """Sample and score everything."""
+    data = data_folder(of)
+    sweeps = QUICK_SWEEPS if quick else SWEEPS
+    pictures = writable_folder(folder / 'maps')
+    jobs: dict[str, dict[str, Any]] = {}
+    scans = of.scans(data)
+    for resolution in (of.quick_resolution_m,) if quick else of.resolutions_m:
+        (folder / benchmark_name(resolution)).write_bytes(
+            benchmark_with_rays(of, scans, resolution)
+        )
+        gaussian = not quick and resolution == of.resolutions_m[0]
+        for number in of.pose_strides:
+            for kind in ('beam', 'gaussian') if gaussian else ('beam',):
+                for method in METHODS if kind == 'beam' else ('cell', 'border9'):
+                    jobs[part_name(kind, resolution, number, method)] = {
+                        'of': of.name,
+                        'data': str(data),
+                        'pictures': str(pictures),
+                        'resolution': resolution,
+                        'number': number,
+                        'method': method,
+                        'kind': kind,
+                        'sweeps': list(sweeps[method]),
+                        'seed': seed,
+                        'held_out_scans': of.held_out_scans // (8 if quick else 1),
+                    }
+    # The longest first, so that no core is left alone at the end.
+    order = sorted(jobs, key=lambda name: 'patch9' not in name)
+    found = run_all(
+        folder / 'parts', score, {name: jobs[name] for name in order}, title=f'patch-{of.name}'
+    )
+    judge = f'{JUDGE.kind}, sigma {JUDGE.sigma} m, clutter {JUDGE.clutter}'
+    return page_of(of, folder, {name: found[name] for name in jobs}, judge, sweeps)
+
+
 def score(
+    of: str,
     data: str,
     pictures: str,
     resolution: float,
@@ -124,18 +160,19 @@ def score(
     kind: str,
     sweeps: list[int],
     seed: int,
-    held_out_stride: int,
+    held_out_scans: int,
 ) -> dict[str, Any]:
     """Make one map of one experiment, and judge it."""
-    logs = intel.read_intel(Path(data))
-    benchmark = intel.benchmark_of(logs, resolution)
-    part = intel.split(logs, number)
-    box = intel.window_box(resolution)
-    traditional = intel.traditional_map(part.used, resolution)
+    recorded = SETS[of]
+    scans = recorded.scans(Path(data))
+    box = window_box(recorded, scans, resolution)
+    benchmark = benchmark_of(scans, box, resolution)
+    part = split(recorded, scans, number)
+    traditional = traditional_map(part.used, box, resolution)
     measured: BoolArray = np.isfinite(traditional.probability)
     sampled = None
     if method == 'traditional':
-        filled = np.nan_to_num(traditional.probability, nan=intel.CELL_PRIOR)
+        filled = np.nan_to_num(traditional.probability, nan=CELL_PRIOR)
         found = GridMap(traditional.spec, filled)
     else:
         sigma = 0.05 if kind == 'beam' else 3.0 * resolution
@@ -143,19 +180,22 @@ def score(
             POSTERIORS[method],
             resolution,
             ForwardModelConfig(kind=kind, sigma=sigma),
-            prior=intel.CELL_PRIOR,
-            threshold=intel.THRESHOLD,
+            prior=CELL_PRIOR,
+            threshold=THRESHOLD,
             burn_in=sweeps[0],
             seed=seed,
         )
         sampled = sample_map(config, part.used, box, traditional, sweeps=sweeps[1], kept=KEPT)
         found = sampled.mean
-    held_out = intel.without_beams_that_leave(part.held_out, box, resolution)
+    held_out = without_beams_that_leave(part.held_out, box, resolution)
     name = part_name(kind, resolution, number, method)
     (Path(pictures) / f'{name}.png').write_bytes(probability_png(found.probability))
     return {
+        **_sizes(part.used),
+        **{f'benchmark_{what}': count for what, count in _sizes(scans).items()},
+        'window_corner_m': [box.column0 * resolution, box.row0 * resolution],
         **_against(benchmark, found, measured),
-        **_predicting(found, sampled, held_out, held_out_stride),
+        **_predicting(found, sampled, held_out, held_out_scans),
         'seconds_per_sample': None if sampled is None else sampled.seconds_per_sample,
         'mapped_share': float(measured.mean()),
         'benchmark_mapped_share': benchmark.mapped_share,
@@ -164,7 +204,11 @@ def score(
     }
 
 
-def _against(benchmark: intel.Benchmark, found: GridMap, measured: BoolArray) -> dict[str, Any]:
+def _sizes(scans: Placed) -> dict[str, int]:
+    return {'poses': len(scans), 'beams': sum(scan.ranges_m.size for scan, _ in scans)}
+
+
+def _against(benchmark: Benchmark, found: GridMap, measured: BoolArray) -> dict[str, Any]:
     """F1 over thresholds, and where the mistakes at the best one lie."""
     counted, occupied = benchmark.counted, benchmark.occupied
     counts = confusion_counts(found.probability[counted], occupied[counted], THRESHOLDS)
@@ -191,18 +235,23 @@ def _against(benchmark: intel.Benchmark, found: GridMap, measured: BoolArray) ->
 
 
 def _predicting(
-    found: GridMap, sampled: SampledMap | None, held_out: intel.Placed, stride: int
+    found: GridMap, sampled: SampledMap | None, held_out: Placed, count: int
 ) -> dict[str, Any]:
-    """Mean log-likelihood per held-out beam, nats; its standard error, scans independent."""
+    """Mean log-likelihood per held-out beam, nats; its standard error, scans independent.
+
+    Of all scans about `count` are judged, evenly spread.
+    """
+    stride = max(1, len(held_out) // count)
     model = ForwardModel.from_config(JUDGE)
+    reach_m = held_out[0][0].range_max_m
 
     def log_density(z_m: Float64Array, f_m: Float64Array) -> Float64Array:
-        return model.log_density(z_m, f_m, intel.RANGE_MAX_M)
+        return model.log_density(z_m, f_m, reach_m)
 
     sums, beams = [], []
     for placed in held_out[::stride]:
         one = beam_log_likelihood(
-            found, [placed], log_density, prior=intel.CELL_PRIOR, no_return='ignore'
+            found, [placed], log_density, prior=CELL_PRIOR, no_return='ignore'
         )
         sums.append(one.sum())
         beams.append(one.size)

@@ -1,0 +1,199 @@
+"""Recorded data sets as [patch] section IV uses them: benchmark, experiments, what is left.
+
+Every beam of every pose makes the benchmark. Each experiment takes fewer poses, and of their
+scans every so many-th beam (Table III). What an experiment does not take is held out.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ogm_mcmc.arrays import BoolArray
+from ogm_mcmc.config import MapperConfig
+from ogm_mcmc.errors import ConfigError
+from ogm_mcmc.evaluation import near
+from ogm_mcmc.experiments.windows import method_in
+from ogm_mcmc.geometry import CellBox, GridMap, GridSpec, Pose2D, PoseBelief, Scan
+from ogm_mcmc.mapping import make_method
+
+__all__ = [
+    'CELL_PRIOR',
+    'THRESHOLD',
+    'Benchmark',
+    'HardwareSet',
+    'Placed',
+    'Published',
+    'Split',
+    'benchmark_of',
+    'data_folder',
+    'split',
+    'traditional_map',
+    'window_box',
+    'without_beams_that_leave',
+]
+
+# p(occupied) of the patches of [patch], and where it thresholds its benchmark and its start.
+CELL_PRIOR, THRESHOLD = 0.234, 0.20
+
+# Cells that count lie so near to one that the benchmark measured.
+NEAR_CELLS = 10
+
+Placed = list[tuple[Scan, Pose2D]]
+
+
+class Published(NamedTuple):
+    """What [patch] prints for cells of `resolution_m`: Tables III and IV by experiment.
+
+    Shares of the window that the benchmark and each experiment map, of cells that count, and
+    seconds per map sample by method.
+    """
+
+    resolution_m: float
+    benchmark_mapped: float
+    mapped: Mapping[int, float]
+    near: float
+    seconds: Mapping[str, Mapping[int, float]]
+
+
+@dataclass(frozen=True)
+class HardwareSet:
+    """A recording and what [patch] does with it.
+
+    `read` gives the scans and poses of the laser from `path`, a file or folder in the folder of
+    the data; `expected` says how to come by it. The window of `side_m` is around `centre_m`, or
+    else around the middle of the poses. Experiments: number and every which pose it takes.
+    `held_out_scans` judge a map, evenly spread.
+    Cells of the first of `resolutions_m` are sampled with the Gaussian of [patch], too.
+    """
+
+    name: str
+    path: Path
+    expected: str
+    read: Callable[[Path], Placed]
+    side_m: float
+    centre_m: tuple[float, float] | None
+    pose_strides: Mapping[int, int]
+    beam_stride: int
+    resolutions_m: tuple[float, ...]
+    quick_resolution_m: float
+    held_out_scans: int
+    figure: str
+    published: Published
+    notes: tuple[str, ...]
+
+    @property
+    def sparsest(self) -> int:
+        """The experiment with the fewest scans."""
+        return max(self.pose_strides)
+
+    def scans(self, folder: Path) -> Placed:
+        """Read all of it."""
+        return self.read(folder / self.path)
+
+
+class Split(NamedTuple):
+    """Placed scans that an experiment uses, and the beams that it does not."""
+
+    used: Placed
+    held_out: Placed
+
+
+class Benchmark(NamedTuple):
+    """`occupied` and `counted` (H, W) of the window; `mapped` and `near` shares of its cells."""
+
+    occupied: BoolArray
+    counted: BoolArray
+    mapped_share: float
+    near_share: float
+
+
+def data_folder(of: HardwareSet) -> Path:
+    """Return the folder of the recorded data; raises ConfigError where the set is not in it."""
+    folder = Path(os.environ.get('OGM_MCMC_DATA', '../shared/data'))
+    path = folder / of.path
+    if not path.exists():
+        raise ConfigError(f'{path}: no such file; expected {of.expected.format(path=path)}')
+    return folder
+
+
+def split(of: HardwareSet, scans: Placed, number: int) -> Split:
+    """Return what an experiment uses and what it leaves."""
+    used, held_out = [], []
+    for k, (scan, pose) in enumerate(scans):
+        if k % of.pose_strides[number] == 0:
+            every = of.beam_stride
+            taken = replace(
+                scan,
+                ranges_m=scan.ranges_m[::every].copy(),
+                angle_increment_rad=every * scan.angle_increment_rad,
+            )
+            used.append((taken, pose))
+            left = scan.ranges_m.copy()
+            left[::every] = np.nan
+            held_out.append((replace(scan, ranges_m=left), pose))
+        else:
+            held_out.append((scan, pose))
+    return Split(used, held_out)
+
+
+def window_box(of: HardwareSet, scans: Placed, resolution_m: float) -> CellBox:
+    """Return the window in lattice cells."""
+    centre = of.centre_m
+    if centre is None:
+        positions = np.array([(pose.x_m, pose.y_m) for _, pose in scans])
+        centre = tuple(0.5 * (positions.min(axis=0) + positions.max(axis=0)))
+    cells = round(of.side_m / resolution_m)
+    column, row = (round((middle - 0.5 * of.side_m) / resolution_m) for middle in centre)
+    return CellBox(column, row, column + cells, row + cells)
+
+
+def traditional_map(scans: Placed, box: CellBox, resolution_m: float) -> GridMap:
+    """Map scans as [patch] section II does: beam by beam, independent cells; in a window.
+
+    Beams without a return say nothing: with them 77 % of the Intel cells would be mapped, not
+    the 60 % of Table III.
+    """
+    method = make_method(
+        MapperConfig(
+            fusion='per_beam', resolution=resolution_m, prior=CELL_PRIOR, no_return='ignore'
+        )
+    )
+    for scan, pose in scans:
+        method.update(scan, PoseBelief(pose))
+    return GridMap(GridSpec(resolution_m, 1, 1).windowed(box), method_in(method, box))
+
+
+def benchmark_of(scans: Placed, box: CellBox, resolution_m: float) -> Benchmark:
+    """Threshold the map of every beam at 0.20; unmapped cells, at 0.234, are occupied in it."""
+    probability = traditional_map(scans, box, resolution_m).probability
+    mapped = np.isfinite(probability)
+    counted = near(mapped, NEAR_CELLS)
+    return Benchmark(
+        np.nan_to_num(probability, nan=CELL_PRIOR) >= THRESHOLD,
+        counted,
+        float(mapped.mean()),
+        float(counted.mean()),
+    )
+
+
+def without_beams_that_leave(scans: Placed, box: CellBox, resolution_m: float) -> Placed:
+    """Return the scans with those readings made invalid that do not end inside of a box."""
+    kept = []
+    for scan, pose in scans:
+        heading = pose.yaw_rad + scan.angle_min_rad
+        angles = heading + scan.angle_increment_rad * np.arange(scan.ranges_m.size)
+        reading = np.where(np.isfinite(scan.ranges_m), scan.ranges_m, math.inf)
+        with np.errstate(invalid='ignore'):
+            x = (pose.x_m + reading * np.cos(angles)) / resolution_m
+            y = (pose.y_m + reading * np.sin(angles)) / resolution_m
+        inside = (box.column0 <= x) & (x < box.column1) & (box.row0 <= y) & (y < box.row1)
+        ranges = np.where(inside, scan.ranges_m, np.float32(np.nan)).astype(scan.ranges_m.dtype)
+        kept.append((replace(scan, ranges_m=ranges), pose))
+    return kept
