@@ -194,11 +194,11 @@ def _draw(path: Path, grids: Iterable[Grid]) -> None:
 
 
 def _draw_world(path: Path, seen: Observed) -> None:
-    way = seen.way.T
+    x, y = seen.way.T
     marks = (
-        Series('the robot scans', *way, 'C3.-'),
-        Series('1, start', *way[:, :1], 'C3o'),
-        Series('2, end', *way[:, -1:], 'C3s'),
+        Series('the robot scans', x, y, 'C3.-'),
+        Series('1, start', x[:1], y[:1], 'C3o'),
+        Series('2, end', x[-1:], y[-1:], 'C3s'),
     )
     walls = np.nan_to_num(seen.truth)
     world = Grid(walls, EXTENT, WALL, marks=marks)
