@@ -19,8 +19,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ogm_mcmc.arrays import Float32Array, Float64Array, UInt8Array
-from ogm_mcmc.evaluation import divergence, total_divergence
+from ogm_mcmc.arrays import Float32Array, Float64Array
+from ogm_mcmc.evaluation import total_divergence
 from ogm_mcmc.experiments.chains import (
     CUT_SIGMA,
     DEPTH,
@@ -30,13 +30,14 @@ from ogm_mcmc.experiments.chains import (
     traditional_map,
 )
 from ogm_mcmc.experiments.datasets import run_all
+from ogm_mcmc.experiments.gibbs_figures import Maps, convergence_png, figure_5, sample_png
 from ogm_mcmc.experiments.hundred_sets import SimulatedSet, set_names, simulated_set
 from ogm_mcmc.experiments.results import row
-from ogm_mcmc.plotting import Series, curves_png
-from ogm_mcmc.plotting.images import heat_png, probability_png
+from ogm_mcmc.experiments.windows import map_in
+from ogm_mcmc.geometry import GridMap
 from ogm_mcmc.sampling import CellModel, GibbsState, PosteriorSampler, RayWindow
 
-__all__ = ['burn_in', 'reflections', 'run', 'score', 'true_map']
+__all__ = ['burn_in', 'run', 'score', 'true_map']
 
 NOISE_CELLS, BEAMS = 2.0, 360
 PRIOR, UNINFORMED = 0.15, 0.5
@@ -177,22 +178,6 @@ def true_map(data: SimulatedSet) -> Float32Array:
     return np.where(data.world.observable(), occupied, np.float32(PRIOR))
 
 
-def reflections(data: SimulatedSet) -> Float64Array:
-    """Return how often beams ended in each cell (height, width), Fig. 5 (a)."""
-    spec = data.world.spec
-    counts = np.zeros((spec.height, spec.width))
-    for scan, pose in data.scans:
-        ranges = scan.ranges_m.astype(np.float64)
-        hit = np.isfinite(ranges)
-        angle = pose.yaw_rad + scan.angle_min_rad + scan.angle_increment_rad * np.flatnonzero(hit)
-        x = (pose.x_m + ranges[hit] * np.cos(angle) - spec.origin_x_m) / spec.resolution_m
-        y = (pose.y_m + ranges[hit] * np.sin(angle) - spec.origin_y_m) / spec.resolution_m
-        column, row_ = np.floor(x).astype(int), np.floor(y).astype(int)
-        inside = (column >= 0) & (column < spec.width) & (row_ >= 0) & (row_ < spec.height)
-        np.add.at(counts, (row_[inside], column[inside]), 1.0)
-    return counts
-
-
 def _model(window: RayWindow, prior: float) -> CellModel:
     return CellModel(window.index, math.log(prior / (1.0 - prior)), window.spec.width)
 
@@ -228,7 +213,7 @@ def _pictures(folder: Path, seed: int) -> dict[str, str]:
     data = simulated_set(*SHOWN, seed=seed, noise_cells=NOISE_CELLS, beams=BEAMS)
     window = rays_of(data, NOISE_CELLS)
     captions = {}
-    curves = []
+    traces = {}
     for prior in (PRIOR, UNINFORMED):
         rng = np.random.default_rng((seed, *SHOWN, 5))
         trace = []
@@ -236,20 +221,25 @@ def _pictures(folder: Path, seed: int) -> dict[str, str]:
             trace.append(value)
             if prior == PRIOR and sweep in SHOWN_SWEEPS:
                 name = f'sample_{sweep}.png'
-                (folder / name).write_bytes(probability_png(_on_world(state, window, data)))
-                captions[name] = f'Sample {sweep} from a random map (Fig. 4)'
-        curves.append(Series(f'prior {prior:g}', np.arange(1, SWEEPS + 1), np.array(trace)))
+                sample = _on_world(state, window, data)
+                (folder / name).write_bytes(sample_png(sample, data.world.spec))
+                captions[name] = f'Sample {sweep} from a random map (Fig. 4); bluish: no ray came'
+        traces[prior] = np.array(trace)
         if prior == PRIOR:
             sampler = PosteriorSampler(_model(window, prior), [state.cells], seed=seed, burn_in=0)
             sampler.advance(SAMPLES)
-    floor = min(float(curve.y[9]) for curve in curves)
-    top = max(float(curve.y.max()) for curve in curves)
-    (folder / 'convergence.png').write_bytes(
-        curves_png(curves, 'sweep', 'log posterior, nats', log_x=True, y_limits=(floor, top))
-    )
-    captions['convergence.png'] = 'Log posterior of chains from a random map'
+    over = {prior: burn_in(trace) for prior, trace in traces.items()}
+    (folder / 'convergence.png').write_bytes(convergence_png(traces, over))
+    captions['convergence.png'] = 'Log posterior of chains from a random map; dotted: burn-in'
+    live = traditional_map(data, PRIOR).probability
     sampled = posterior_map(sampler, window.spec, data.world.spec).probability
-    return {**captions, **_figure_5(folder, data, np.nan_to_num(sampled, nan=PRIOR))}
+    panels = figure_5(
+        data, Maps(true_map(data), live, np.nan_to_num(sampled, nan=PRIOR)), PRIOR, FLOOR
+    )
+    for name, (png, caption) in panels.items():
+        (folder / name).write_bytes(png)
+        captions[name] = caption
+    return captions
 
 
 def _chain(
@@ -263,32 +253,10 @@ def _chain(
         yield state, model.log_likelihood(state) + model.log_prior(state)
 
 
-def _on_world(state: GibbsState, window: RayWindow, data: SimulatedSet) -> UInt8Array:
+def _on_world(state: GibbsState, window: RayWindow, data: SimulatedSet) -> Float32Array:
+    """Return a sample on the cells of the world, nan where no ray came."""
     spec, world = window.spec, data.world.spec
-    cells = state.cells.reshape(spec.height, spec.width)
-    common = spec.box.intersection(world.box)
-    whole = np.zeros((world.height, world.width), np.uint8)
-    whole[world.slices(common)] = cells[spec.slices(common)]
-    return whole
-
-
-def _figure_5(folder: Path, data: SimulatedSet, sampled: Float32Array) -> dict[str, str]:
-    live = np.nan_to_num(traditional_map(data, PRIOR).probability, nan=PRIOR)
-    truth = true_map(data)
-    shown = {
-        'reflections.png': (heat_png(reflections(data), 8.0), '(a) beams that ended in a cell'),
-        'truth.png': (probability_png(truth), '(b) ground truth'),
-        'two_assumption.png': (probability_png(live), '(c) two-assumption'),
-        'mcmc.png': (probability_png(sampled), '(d) MCMC Gibbs sampling'),
-        'truth_divergence.png': (
-            heat_png(divergence(truth, sampled, FLOOR), 1.0),
-            '(e) D(truth, MCMC), dark from 1 nat on',
-        ),
-        'live_divergence.png': (
-            heat_png(divergence(sampled, live, FLOOR), 1.0),
-            '(f) D(MCMC, two-assumption), dark from 1 nat on',
-        ),
-    }
-    for name, (png, _) in shown.items():
-        (folder / name).write_bytes(png)
-    return {name: f'Fig. 5 {caption}' for name, (_, caption) in shown.items()}
+    cells: Float32Array = np.full(spec.height * spec.width, np.nan, np.float32)
+    touched = window.index.touched()
+    cells[touched] = state.cells[touched]
+    return map_in(GridMap(spec, cells.reshape(spec.height, spec.width)), world.box)

@@ -1,11 +1,15 @@
 """Burn-in, the maps that are compared, and one data set with few sweeps."""
 
+import io
+
 import numpy as np
 import pytest
+from PIL import Image
 
-from ogm_mcmc.experiments import gibbs_2d
+from ogm_mcmc.experiments import gibbs_2d, gibbs_figures
 from ogm_mcmc.experiments.hundred_sets import SimulatedSet
 from ogm_mcmc.geometry import GridSpec, Pose2D, Scan
+from ogm_mcmc.plotting.grids import LEFT, RIGHT, TOP
 from ogm_mcmc.simulation import GridWorld, SimulatedScan
 
 
@@ -36,12 +40,77 @@ def room():
 
 def test_maps_of_figure_5():
     data = room()
-    counts = gibbs_2d.reflections(data)
+    counts = gibbs_figures.reflections(data)
     assert counts.sum() == 2
     assert (counts[1, 4], counts[1, 5]) == (1, 1)
     truth = gibbs_2d.true_map(data)
     assert truth[1].tolist() == pytest.approx([0, 0, 0, 0, 0, 1, 0.15, 0.15, 0.15])
     assert truth[0].tolist() == pytest.approx([1, 1, 1, 1, 1, 1, 0.15, 0.15, 0.15])
+
+
+def test_the_square_that_holds_most():
+    values = np.zeros((40, 60))
+    values[10, 20] = 3.0
+    values[12, 22] = 3.0
+    values[0, 59] = 5.0  # too near to the border for a whole square to be around it
+    values[30, 40] = 4.0
+    first = gibbs_figures.densest(values, 2)
+    assert abs(first[0] - 21) + abs(first[1] - 11) <= 2
+    assert values[first[1] - 2 : first[1] + 3, first[0] - 2 : first[0] + 3].sum() == 6.0
+    corner = gibbs_figures.densest(values, 2, [first])
+    assert corner == (57, 2)
+    second = gibbs_figures.densest(values, 2, [first, corner])
+    assert values[second[1] - 2 : second[1] + 3, second[0] - 2 : second[0] + 3].sum() == 4.0
+
+
+def test_places_that_figure_5_enlarges():
+    spec, prior = GridSpec(0.1, 200, 100), 0.15
+    live = np.full((100, 200), 0.001)  # seen often
+    counts = np.zeros((100, 200))
+    counts[30:50, 40] = 9.0
+    live[60:80, 100:120] = np.nan
+    live[20:40, 150:170] = 0.0423  # one beam: prior log-odds and log(1 / 4)
+    live[60:90, 150:190] = 0.0009  # four beams, more cells
+    observable, free = np.ones((100, 200), bool), np.ones((100, 200), bool)
+    observable[:, 100:110] = False
+    places = gibbs_figures.closeups_of(counts, live, observable, free, spec, prior)
+    cells = [spec.cell_of(one.x, one.y) for one in places]
+    assert abs(cells[0][0] - 40) <= 15
+    assert abs(cells[1][0] - 115) <= 11
+    assert abs(cells[2][0] - 160) <= 6
+    assert [cells[k][1] for k in range(3)] == pytest.approx([40, 70, 30], abs=6)
+    assert {round(one.radius, 6) for one in places} == {1.5}
+
+
+def test_chains_are_compared_by_their_distance_from_where_they_end():
+    """The constant that a prior adds to a log posterior must not be seen."""
+    trace = np.concatenate((-(10.0 ** np.arange(5.0, 2.0, -0.5)), np.tile([-20.0, 20.0], 20)))
+    burn_ins = {0.15: 5, 0.5: 7}
+    one = gibbs_figures.convergence_png({0.15: trace, 0.5: 2.0 * trace}, burn_ins)
+    other = gibbs_figures.convergence_png({0.15: trace - 4e4, 0.5: 2.0 * trace + 5e3}, burn_ins)
+    with Image.open(io.BytesIO(one)) as first, Image.open(io.BytesIO(other)) as second:
+        assert (np.asarray(first) == np.asarray(second)).all()
+    slower = gibbs_figures.convergence_png({0.15: trace, 0.5: 3.0 * trace}, burn_ins)
+    assert slower != one
+
+
+@pytest.mark.jit
+def test_pictures(monkeypatch, tmp_path):
+    monkeypatch.setattr(gibbs_2d, 'SWEEPS', 20)
+    monkeypatch.setattr(gibbs_2d, 'SAMPLES', 10)
+    captions = gibbs_2d._pictures(tmp_path, seed=1)
+    assert {path.name for path in tmp_path.iterdir()} == set(captions)
+    assert len(captions) == 3 + 1 + 6
+    for name in captions:
+        with Image.open(tmp_path / name) as picture:
+            pixels = np.asarray(picture.convert('RGB'))
+        if name != 'convergence.png':
+            assert pixels.shape[1] == LEFT + 500 + RIGHT
+            # Three circles under the maps of Fig. 5 and on them.
+            circled = (pixels == (31, 119, 180)).all(axis=2)
+            assert (
+                circled[: TOP + 500].any() == circled[TOP + 540 :].any() == ('sample' not in name)
+            )
 
 
 @pytest.mark.jit
