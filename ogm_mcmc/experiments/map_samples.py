@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,7 +21,7 @@ from ogm_mcmc.config import (
     flatten,
 )
 from ogm_mcmc.geometry import CellBox, GridMap, GridSpec, Pose2D, Scan
-from ogm_mcmc.io.prior_files import default_prior_file, load_prior
+from ogm_mcmc.io.prior_files import Prior, default_prior_file, load_prior
 from ogm_mcmc.sampling import (
     CellModel,
     PosteriorModel,
@@ -94,7 +96,7 @@ def model_of(
         return CellModel(window.index, chain.prior_log_odds, width, chain.order)
     counts = None
     if patch.prior != 'uniform':
-        counts = load_prior(default_prior_file(), config.window.resolution).counts
+        counts = _prior_of(default_prior_file(), config.window.resolution).counts
     made = make_table(patch.prior, patch.size, counts, table, p_occupied=chain.prior)
     return PatchModel(
         window.index,
@@ -104,6 +106,12 @@ def model_of(
         escape=patch.escape,
         random_share=patch.random_share,
     )
+
+
+@cache
+def _prior_of(path: Path, resolution_m: float) -> Prior:
+    """Read a prior once, and so warn once that it was learned at another resolution."""
+    return load_prior(path, resolution_m)
 
 
 def sample_map(
