@@ -23,7 +23,15 @@ from ogm_mcmc.experiments.windows import map_in, method_in
 from ogm_mcmc.geometry import CellBox, PoseBelief
 from ogm_mcmc.mapping import AdaptiveMapper, MappingMethod, make_method
 from ogm_mcmc.placement import Placement
-from ogm_mcmc.plotting import Series, curves_png, heat_png, probability_png, require_matplotlib
+from ogm_mcmc.plotting import (
+    Grid,
+    Scale,
+    Series,
+    curves_png,
+    extent_of,
+    grids_png,
+    require_matplotlib,
+)
 from ogm_mcmc.simulation import WORLDS, Building, Lidar, rasterised, record
 
 __all__ = ['agreement', 'hall', 'roc_curve', 'run']
@@ -235,7 +243,7 @@ def _draw(
     folder: Path,
 ) -> dict[str, str]:
     """Both maps, and how large the leaves are."""
-    sides = np.full(regular.shape, np.nan)
+    levels = np.full(regular.shape, np.nan)
     leaves = method.tree.leaves()
     measured = np.isfinite(leaves.log_odds)
     for level, column, line in zip(
@@ -249,17 +257,22 @@ def _draw(
             slice(max(0, line), max(0, line + side)),
             slice(max(0, column), max(0, column + side)),
         )
-        sides[part] = level + 1
+        levels[part] = level
+    sizes = Scale(
+        f'side of a leaf, 2^n cells of {RESOLUTION:g} m', 0.0, float(method.tree.coarsest),
+        'viridis',
+    )  # fmt: skip
+    extent = extent_of(method.spec.windowed(box))
     pictures = {
-        f'{stem}-regular.png': (probability_png(regular), f'{case}: regular grid'),
-        f'{stem}-adaptive.png': (probability_png(method_in(method, box)), f'{case}: adaptive map'),
-        f'{stem}-leaves.png': (
-            heat_png(sides, method.tree.coarsest + 1.0),
-            f'{case}: size of the leaves, yellow small, black large',
+        f'{stem}-regular.png': (Grid(regular, extent), f'{case}: regular grid'),
+        f'{stem}-adaptive.png': (
+            Grid(method_in(method, box), extent),
+            f'{case}: adaptive map, with unknowns',
         ),
+        f'{stem}-leaves.png': (Grid(levels, extent, sizes), f'{case}: its leaves'),
     }
-    for name, (png, _) in pictures.items():
-        (folder / name).write_bytes(png)
+    for name, (grid, _) in pictures.items():
+        (folder / name).write_bytes(grids_png([grid], 'x, m', 'y, m', side=400))
     return {name: caption for name, (_, caption) in pictures.items()}
 
 

@@ -18,9 +18,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from PIL import Image
 
-from ogm_mcmc.arrays import Float64Array, UInt8Array
+from ogm_mcmc.arrays import Float64Array
 from ogm_mcmc.config import MapperConfig, flatten
 from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.evaluation import (
@@ -30,11 +29,12 @@ from ogm_mcmc.evaluation import (
     confusion_counts,
 )
 from ogm_mcmc.experiments.results import row
+from ogm_mcmc.experiments.windows import map_in
 from ogm_mcmc.geometry import CellBox, GridMap, Pose2D, PoseBelief, PoseSamples, Scan
 from ogm_mcmc.io.carmen import LogScan, read_carmen
 from ogm_mcmc.io.gmapping import best_trajectory
 from ogm_mcmc.mapping import make_method
-from ogm_mcmc.plotting import Series, curves_png
+from ogm_mcmc.plotting import Grid, Series, curves_png, extent_of, grids_png
 
 __all__ = ['run']
 
@@ -51,7 +51,7 @@ HIT_SIGMAS_M, CLUTTER = (0.05, 0.1, 0.2), 0.1
 
 STYLES = {'step': '-', 'gaussian': '--'}
 
-CLOSE_UP_M, ENLARGED = 8.0, 5
+CLOSE_UP_M, CLOSE_UP_PIXELS = 8.0, 320
 
 
 NOTES = [
@@ -103,8 +103,8 @@ def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
         'rows': rows,
         'pictures': {
             'roc.png': 'ROC curves against the map of the final trajectory ([pose] Fig. 4 a)',
-            'close-up.png': 'Without (left) and with pose uncertainty, and the final map (right); '
-            'particles in blue ([pose] Fig. 5)',
+            'close-up.png': 'Without (a) and with pose uncertainty (b), and the final map, where '
+            'the particles are furthest apart ([pose] Fig. 5)',
             'maps.png': 'The whole floor, in the same order',
         },
         'settings': {
@@ -235,56 +235,33 @@ def draw(
     folder: Path, maps: dict[str, GridMap], benchmark: GridMap, scans: Sequence[Believed]
 ) -> None:
     """Write pictures of the maps with and without the particles, and of the final one."""
-    shown = [maps['likeliest particle'], maps['all particles'], benchmark]
-    whole = benchmark.spec.box
-    side_by_side([colours(one, whole) for one in shown], 1, folder / 'maps.png')
+    shown = {
+        '(a) likeliest particle': maps['likeliest particle'],
+        '(b) all particles': maps['all particles'],
+        'final map': benchmark,
+    }
+    spec = benchmark.spec
+    whole = [window_of(one, spec.box, title) for title, one in shown.items()]
+    (folder / 'maps.png').write_bytes(grids_png(whole, 'x, m', 'y, m', columns=2))
     doubtful = max(scans, key=lambda one: float(np.trace(one.particles.covariance()[:2, :2])))
-    half = round(0.5 * CLOSE_UP_M / benchmark.spec.resolution_m)
-    column, row_ = benchmark.spec.cell_of(doubtful.known.x_m, doubtful.known.y_m)
-    column, row_ = column + benchmark.spec.column0, row_ + benchmark.spec.row0
+    half = round(0.5 * CLOSE_UP_M / spec.resolution_m)
+    column, row_ = spec.cell_of(doubtful.known.x_m, doubtful.known.y_m)
+    column, row_ = column + spec.column0, row_ + spec.row0
     box = CellBox(column - half, row_ - half, column + half, row_ + half)
-    particles = np.concatenate([one.particles.poses[:, :2] for one in scans])
-    tiles = [dotted(colours(one, box), box, one, particles) for one in shown[:2]]
-    known = np.array([(one.known.x_m, one.known.y_m) for one in scans])
-    tiles.append(dotted(colours(benchmark, box), box, benchmark, known))
-    side_by_side(tiles, 1, folder / 'close-up.png')
+    x, y = np.concatenate([one.particles.poses[:, :2] for one in scans]).T
+    believed = (Series('particles', x, y, 'C0.'),)
+    x, y = np.array([(one.known.x_m, one.known.y_m) for one in scans]).T
+    known = (Series('final trajectory', x, y, 'C3.'),)
+    tiles = [
+        window_of(one, box, title, known if one is benchmark else believed)
+        for title, one in shown.items()
+    ]
+    (folder / 'close-up.png').write_bytes(
+        grids_png(tiles, 'x, m', 'y, m', columns=2, side=CLOSE_UP_PIXELS)
+    )
 
 
-def colours(grid_map: GridMap, box: CellBox) -> UInt8Array:
-    """Return (height, width, 3) of a box: black occupied, white free, bluish grey unknown."""
-    pixels = np.empty((box.row1 - box.row0, box.column1 - box.column0, 3), np.uint8)
-    pixels[:] = (190, 198, 208)
-    spec = grid_map.spec
-    left, right = max(box.column0, spec.box.column0), min(box.column1, spec.box.column1)
-    bottom, top = max(box.row0, spec.box.row0), min(box.row1, spec.box.row1)
-    probability = grid_map.probability[spec.slices(CellBox(left, bottom, right, top))]
-    shade = np.rint(255.0 * (1.0 - np.nan_to_num(probability))).astype(np.uint8)
-    part = pixels[bottom - box.row0 : top - box.row0, left - box.column0 : right - box.column0]
-    measured = np.isfinite(probability)
-    part[measured] = shade[measured][:, None]
-    return pixels
-
-
-def dotted(
-    pixels: UInt8Array, box: CellBox, grid_map: GridMap, places: Float64Array
-) -> UInt8Array:
-    """Enlarge a picture and put a blue dot at each place (N, 2), m, inside."""
-    spec = grid_map.spec
-    large = np.repeat(np.repeat(pixels, ENLARGED, axis=0), ENLARGED, axis=1)
-    across = (places[:, 0] - spec.anchor_x_m) / spec.resolution_m - box.column0
-    upwards = (places[:, 1] - spec.anchor_y_m) / spec.resolution_m - box.row0
-    columns, rows = (np.floor(v * ENLARGED).astype(int) for v in (across, upwards))
-    inside = (columns >= 0) & (columns < large.shape[1] - 1)
-    inside &= (rows >= 0) & (rows < large.shape[0] - 1)
-    for dx in (0, 1):
-        for dy in (0, 1):
-            large[rows[inside] + dy, columns[inside] + dx] = (30, 80, 220)
-    return large
-
-
-def side_by_side(tiles: Sequence[UInt8Array], gap: int, path: Path) -> None:
-    """Write pictures of one height beside each other, highest y on top."""
-    rule = np.full((tiles[0].shape[0], 4 * gap, 3), 255, np.uint8)
-    parts = [part for tile in tiles for part in (tile, rule)][:-1]
-    picture = np.ascontiguousarray(np.concatenate(parts, axis=1)[::-1])
-    Image.fromarray(picture).save(path, format='PNG', optimize=True)
+def window_of(grid_map: GridMap, box: CellBox, title: str, marks: Sequence[Series] = ()) -> Grid:
+    """Return a box of cells of a map, to be drawn."""
+    extent = extent_of(grid_map.spec.windowed(box))
+    return Grid(map_in(grid_map, box), extent, title=title, marks=marks)

@@ -5,20 +5,21 @@ import math
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from ogm_mcmc.config import MapperConfig
 from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.experiments.pose_particles import (
     Believed,
-    colours,
     compare_maps,
-    dotted,
+    draw,
     held_out_likelihood,
     maps_of,
     read_log,
     run,
 )
-from ogm_mcmc.geometry import CellBox, GridMap, GridSpec, Pose2D, PoseSamples
+from ogm_mcmc.geometry import GridMap, GridSpec, Pose2D, PoseSamples
+from ogm_mcmc.plotting.grids import BOTTOM, LEFT, LEGEND, RIGHT, TOP
 from ogm_mcmc.testing.strategies import fan
 
 approx = pytest.approx
@@ -80,19 +81,30 @@ def test_likelihood_of_a_held_out_beam_on_paper():
     assert held_out_likelihood(grid_map, [one, one], 0.1) == approx([expected] * 2, abs=1e-4)
 
 
-def test_pictures():
-    probability = np.array([[0.0, 1.0], [np.nan, 0.5]], np.float32)
-    grid_map = GridMap(GridSpec(1.0, 2, 2, column0=5, row0=5), probability)
-    box = CellBox(4, 5, 7, 7)
-    pixels = colours(grid_map, box)
-    assert pixels.shape == (2, 3, 3)
-    unknown = (190, 198, 208)
-    assert [tuple(map(int, p)) for p in pixels[0]] == [unknown, (255,) * 3, (0,) * 3]
-    assert [tuple(map(int, p)) for p in pixels[1]] == [unknown, unknown, (128,) * 3]
-    large = dotted(pixels, box, grid_map, np.array([(5.5, 6.5), (90.0, 0.0)]))
-    assert large.shape == (10, 15, 3)
-    blue = np.argwhere((large == (30, 80, 220)).all(axis=2))
-    assert blue.tolist() == [[7, 7], [7, 8], [8, 7], [8, 8]]
+def test_pictures(tmp_path):
+    one = believed()
+    maps = maps_of(CONFIG, [one, one])
+    draw(tmp_path, maps, maps.pop('final map'), [one, one])
+    with Image.open(tmp_path / 'close-up.png') as picture:
+        pixels = np.asarray(picture.convert('RGB'))
+    # Four pixels a cell of 0.1 m, 8 m around the robot in cell 2, row 0; three maps.
+    across, upwards = LEFT + 320 + RIGHT, TOP + LEGEND + 320 + BOTTOM
+    assert pixels.shape == (2 * upwards, 2 * across, 3)
+
+    def colour(x_m, *, column=0, line=0):
+        at = LEFT + column * across + 40 * (x_m - 0.2 + 4.0)
+        down = TOP + LEGEND + line * upwards + 320 - 40 * 4.05
+        return tuple(pixels[int(down), int(at)])
+
+    wall = [(colour(2.05), colour(2.25)), (colour(2.05, column=1), colour(2.25, column=1))]
+    assert wall[0][1] == (190, 198, 208)
+    assert wall[0][0] < wall[1][0] < wall[1][1] < (127, 127, 127)
+    assert colour(2.05, line=1)[0] > 200  # the final map: free before its own wall
+    assert colour(2.25, line=1) == wall[0][0]
+    blue, red = (31, 119, 180), (214, 39, 40)
+    assert [colour(x, column=1) for x in (0.05, 0.25)] == [blue, blue]
+    assert colour(0.25, line=1) == red
+    assert colour(0.05, line=1) != red
 
 
 def test_without_the_log_it_says_what_it_needs(tmp_path, monkeypatch):
