@@ -72,21 +72,36 @@ class HeldOutBeams(NamedTuple):
     """Scans that judge a map, from known sensor poses, and facts about their N beams.
 
     Of every informative beam, in order: `scan` (N,) int64, which of the scans it belongs to;
-    `returned` (N,), something was measured; `leaving` (N,), it ends outside of the map.
-    `left_out`: how many beams do not count because they do.
+    `returned` (N,), something was measured; `cell` (N,) int64, the cell of the map it ends in,
+    counted along the rows, -1 outside. `left_out`: how many do not count because they end there.
     """
 
     placed: list[Placed]
     scan: Int64Array
     returned: BoolArray
-    leaving: BoolArray
+    cell: Int64Array
     left_out: int
+
+    @property
+    def leaving(self) -> BoolArray:
+        """Which beams (N,) end outside of the map."""
+        return np.asarray(self.cell < 0, np.bool_)
 
     def per_scan(self, values: AnyArray) -> Float64Array:
         """Mean of values (N,) over the beams of each scan (S,)."""
         size = len(self.placed)
         counts = np.bincount(self.scan, minlength=size)
         return np.asarray(np.bincount(self.scan, values, minlength=size) / counts, np.float64)
+
+    def per_cell(self, values: AnyArray, spec: GridSpec) -> Float64Array:
+        """Mean of values (N,) over the beams that returned from each cell (H, W); nan: none."""
+        chosen = self.returned & ~self.leaving
+        cell, size = self.cell[chosen], spec.height * spec.width
+        counts = np.bincount(cell, minlength=size)
+        sums = np.bincount(cell, np.asarray(values)[chosen], minlength=size)
+        means = np.full(size, np.nan)
+        np.divide(sums, counts, out=means, where=counts > 0)
+        return means.reshape(spec.height, spec.width)
 
     def mean(self, values: AnyArray, of: BoolArray | None = None) -> Ratio:
         """Mean per beam of values (N,), of all beams or of some; scans are independent."""
@@ -115,7 +130,7 @@ def held_out_beams(
     """
     require(leaving in LEAVING, 'leaving', leaving, f'one of {", ".join(LEAVING)}')
     used: list[Placed] = []
-    scans, returned, outside, left_out = [], [], [], 0
+    scans, returned, cells, left_out = [], [], [], 0
     for whole, sensor in placed:
         scan = _limited(whole, usable_range(whole, spec, max_range_m), no_return)
         if leaving == 'exclude':
@@ -127,13 +142,13 @@ def held_out_beams(
             continue
         scans.append(np.full(int(beams.sum()), len(used), np.int64))
         returned.append(np.isfinite(scan.ranges_m[beams]))
-        outside.append(~_end_inside(scan, sensor, spec)[beams])
+        cells.append(_end_cells(scan, sensor, spec)[beams])
         used.append((scan, sensor))
     if not used:
-        none = np.zeros(0, np.bool_)
-        return HeldOutBeams([], np.zeros(0, np.int64), none, none, left_out)
+        none = np.zeros(0, np.int64)
+        return HeldOutBeams([], none, np.zeros(0, np.bool_), none, left_out)
     return HeldOutBeams(
-        used, np.concatenate(scans), np.concatenate(returned), np.concatenate(outside), left_out
+        used, np.concatenate(scans), np.concatenate(returned), np.concatenate(cells), left_out
     )
 
 
@@ -143,13 +158,13 @@ def without_beams_that_leave(placed: Iterable[Placed], spec: GridSpec) -> list[P
 
 
 def _without_leaving(scan: Scan, sensor: Pose2D, spec: GridSpec) -> Scan:
-    return _invalid(scan, ~_end_inside(scan, sensor, spec))
+    return _invalid(scan, _end_cells(scan, sensor, spec) < 0)
 
 
-def _end_inside(scan: Scan, sensor: Pose2D, spec: GridSpec) -> BoolArray:
-    """Tell of every beam (B,) whether it ends in a cell of the grid; without a return, its range.
+def _end_cells(scan: Scan, sensor: Pose2D, spec: GridSpec) -> Int64Array:
+    """Return the cell (B,) every beam ends in, along the rows; -1 outside, and for nan and -inf.
 
-    What no reading says anything about does not.
+    A beam without a return ends at its range.
     """
     ranges = scan.ranges_m.astype(np.float64)
     lengths = np.where(ranges == np.inf, scan.range_max_m, ranges)
@@ -160,7 +175,9 @@ def _end_inside(scan: Scan, sensor: Pose2D, spec: GridSpec) -> BoolArray:
         column = (sensor.x_m + lengths * np.cos(angles) - spec.origin_x_m) / spec.resolution_m
         row = (sensor.y_m + lengths * np.sin(angles) - spec.origin_y_m) / spec.resolution_m
     inside = (column >= 0.0) & (column < spec.width) & (row >= 0.0) & (row < spec.height)
-    return np.asarray(inside, np.bool_)
+    cells = np.full(ranges.size, -1, np.int64)
+    cells[inside] = np.floor(row[inside]) * spec.width + np.floor(column[inside])
+    return cells
 
 
 def _limited(scan: Scan, reach_m: float, no_return: str) -> Scan:

@@ -134,6 +134,7 @@ def test_which_beams_count():
     assert every.returned.tolist() == [True, True, True, False, False, True]
     # 0.5 + 2.6 is beyond 3; so is 0.5 + 5, where the beam without a return ends; 2.5 is not.
     assert every.leaving.tolist() == [False, False, True, True, False, False]
+    assert every.cell.tolist() == [1, 2, -1, -1, 2, 1]
     assert every.left_out == 0
     inside = held_out_beams(placed, spec, leaving='exclude')
     assert inside.scan.tolist() == [0, 0, 1, 1]
@@ -171,6 +172,9 @@ def test_means_of_some_beams():
     assert beams.per_scan(values).tolist() == [3.0, 5.0]
     assert beams.mean(values) == ratio_of_sums([9.0, 5.0], [3, 1])
     assert beams.mean(values, beams.returned) == ratio_of_sums([3.0, 5.0], [2, 1])
+    cells = beams.per_cell(values, spec)[0]
+    assert cells[[1, 2, 3]].tolist() == [1.0, 2.0, 5.0]
+    assert np.isnan(np.delete(cells, [1, 2, 3])).all()  # nothing returned from the fifth
     # A scan without such a beam is not one more independent draw.
     alone = beams.mean(values, ~beams.returned)
     assert alone.value == 6.0
