@@ -9,18 +9,19 @@ at all.
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ogm_mcmc.arrays import AnyArray, BoolArray, Float64Array
+from ogm_mcmc.arrays import BoolArray
 from ogm_mcmc.config import ForwardModelConfig
 from ogm_mcmc.evaluation import (
     beam_log_likelihood,
     confusion_counts,
     log_likelihood_of_samples,
+    ratio_of_sums,
+    without_beams_that_leave,
 )
 from ogm_mcmc.experiments.benchmark_picture import benchmark_with_rays
 from ogm_mcmc.experiments.datasets import run_all
@@ -35,7 +36,6 @@ from ogm_mcmc.experiments.hardware_sets import (
     split,
     traditional_map,
     window_box,
-    without_beams_that_leave,
 )
 from ogm_mcmc.experiments.intel import INTEL
 from ogm_mcmc.experiments.map_samples import METHODS as POSTERIORS
@@ -187,7 +187,7 @@ def score(
         )
         sampled = sample_map(config, part.used, box, traditional, sweeps=sweeps[1], kept=KEPT)
         found = sampled.mean
-    held_out = without_beams_that_leave(part.held_out, box, resolution)
+    held_out = without_beams_that_leave(part.held_out, found.spec)
     name = part_name(kind, resolution, number, method)
     (Path(pictures) / f'{name}.png').write_bytes(probability_png(found.probability))
     return {
@@ -243,31 +243,19 @@ def _predicting(
     """
     stride = max(1, len(held_out) // count)
     model = ForwardModel.from_config(JUDGE)
-    reach_m = held_out[0][0].range_max_m
-
-    def log_density(z_m: Float64Array, f_m: Float64Array) -> Float64Array:
-        return model.log_density(z_m, f_m, reach_m)
-
     sums, beams = [], []
     for placed in held_out[::stride]:
-        one = beam_log_likelihood(
-            found, [placed], log_density, prior=CELL_PRIOR, no_return='ignore'
-        )
+        one = beam_log_likelihood(found, [placed], model, prior=CELL_PRIOR, no_return='ignore')
         sums.append(one.sum())
         beams.append(one.size)
+    per_beam = ratio_of_sums(np.array(sums), np.array(beams))
     result: dict[str, Any] = {
-        'heldout_loglik_per_beam': float(np.sum(sums) / np.sum(beams)),
-        'heldout_standard_error': _error_of_ratio(np.array(sums), np.array(beams)),
+        'heldout_loglik_per_beam': per_beam.value,
+        'heldout_standard_error': per_beam.standard_error,
         'heldout_beams': int(np.sum(beams)),
     }
     if sampled is not None:
         few = held_out[:: stride * MIXTURE_STRIDE]
-        mixture = log_likelihood_of_samples(sampled.samples, few, log_density, no_return='ignore')
+        mixture = log_likelihood_of_samples(sampled.samples, few, model, no_return='ignore')
         result['heldout_loglik_of_samples'] = float(mixture.mean())
     return result
-
-
-def _error_of_ratio(sums: AnyArray, counts: AnyArray) -> float:
-    mean = sums.sum() / counts.sum()
-    spread = (sums - mean * counts).std(ddof=1) * math.sqrt(sums.size)
-    return float(spread / counts.sum())
