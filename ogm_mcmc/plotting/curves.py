@@ -45,7 +45,7 @@ def curves_png(
     """Draw curves into one picture of 640 x 480 pixels.
 
     Curves are given whole, a point for every threshold: matplotlib leaves out what lies within a
-    ninth of a pixel of the line without it (three million points of a ROC curve take half a second).
+    ninth of a pixel of the line without it (three million points of a ROC curve: half a second).
     """
     require_matplotlib()
     from matplotlib.figure import Figure
