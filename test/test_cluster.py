@@ -123,7 +123,7 @@ def test_a_prior_file_need_not_be_on_the_worker(scans, tmp_path):
     mine = tmp_path / 'mine.npz'
     mine.write_bytes(default_prior_file().read_bytes())
     chosen = config(prior='border', size=9, prior_file=str(mine))
-    stop = StopConfig(max_sweeps=25, max_time=1e6, r_hat=0.0)
+    stop = StopConfig(max_sweeps=40, max_time=1e6, r_hat=0.0)
     here, there = Refinement(chosen), Refinement(chosen)
     here.take(scans)
     there.take(scans)

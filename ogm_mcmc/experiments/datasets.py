@@ -3,16 +3,15 @@
 Every finished data set leaves one JSON file with what it was made with. A later run computes
 only those that are missing or were made with anything else. Workers are processes started
 afresh (spawn): no state is inherited, so a data set gives the same result alone or among many.
+Ctrl-C, SIGTERM and errors end them at once (see `ogm_mcmc.experiments.worker_pool`).
 """
 
 from __future__ import annotations
 
 import json
-import multiprocessing
 import os
-import signal
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -22,6 +21,7 @@ from typing import Any
 from tqdm import tqdm
 
 from ogm_mcmc.errors import ConfigError, OgmError
+from ogm_mcmc.experiments.worker_pool import signals_later, worker_pool
 from ogm_mcmc.io.map_files import replacing, writable_folder
 
 __all__ = ['WORKERS_VARIABLE', 'ExperimentError', 'run_all', 'using_executor', 'worker_count']
@@ -90,7 +90,8 @@ def run_all(
     ) as bar:
 
         def keep(name: str, result: dict[str, Any]) -> None:
-            _keep(folder / f'{name}.json', work, datasets[name], result)
+            with signals_later():
+                _keep(folder / f'{name}.json', work, datasets[name], result)
             results[name] = result
             bar.update()
 
@@ -110,18 +111,14 @@ def _in_processes(
     count: int,
     keep: Callable[[str, dict[str, Any]], None],
 ) -> None:
-    context = multiprocessing.get_context('spawn')
-    pool = ProcessPoolExecutor(count, mp_context=context, initializer=_leave_ctrl_c_to_the_parent)
     try:
-        _submitted(pool, work, missing, keep)
+        with worker_pool(count) as pool:
+            _submitted(pool, work, missing, keep)
     except BrokenProcessPool as error:
         raise ExperimentError(
             'a worker process died (out of memory?): expected it to finish; '
             f'start again to go on, with fewer workers by {WORKERS_VARIABLE}'
         ) from error
-    finally:
-        # What has not begun is not begun any more; what runs is waited for.
-        pool.shutdown(cancel_futures=True)
 
 
 def _submitted(
@@ -142,10 +139,6 @@ def _submitted(
     finally:
         for future in running:
             future.cancel()
-
-
-def _leave_ctrl_c_to_the_parent() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _made_with(work: Work, arguments: Mapping[str, Any]) -> dict[str, Any]:
