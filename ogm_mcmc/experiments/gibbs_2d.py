@@ -67,6 +67,12 @@ def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
         score,
         {name: {'building': b, 'run': r, **settings} for name, (b, r) in names.items()},
         title='gibbs-2d',
+        depends_on={
+            'priors': [PRIOR, UNINFORMED],
+            'sweeps': SWEEPS,
+            'samples': SAMPLES,
+            'floor': FLOOR,
+        },
     )
     every = list(results.values())
     return {

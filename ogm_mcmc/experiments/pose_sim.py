@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -98,6 +98,12 @@ def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
             for name, (b, r) in names.items()
         },
         title='pose-sim',
+        depends_on={
+            'filters': {which: asdict(of) for which, of in FILTERS.items()},
+            'lidar': [BEAMS, REACH_M, NOISE_M, DROPOUT],
+            'resolution_m': CELL_M,
+            'max_stops': MAX_STOPS,
+        },
     )
     rows, curves = [], []
     for style, which in zip(('-', '--'), FILTERS, strict=True):

@@ -35,13 +35,31 @@ def test_each_once_and_never_again(tmp_path):
     assert calls(tmp_path / 'calls') == ['0-0', '1-0', '2-0', '3-0', '4-0']
 
 
-def test_what_was_made_otherwise_is_made_anew(tmp_path):
+def test_what_was_made_otherwise_is_made_anew_and_stays(tmp_path):
     work = tasks(tmp_path / 'calls', 3)
+    first = run_all(tmp_path / 'out', square, work, workers=1)
+    other = {**work, 'set1': {**work['set1'], 'seconds': 0.001}}
+    run_all(tmp_path / 'out', square, other, workers=1)
+    assert calls(tmp_path / 'calls') == ['0-0', '1-0', '1-1', '2-0']
+    # What was there first is still there.
+    assert run_all(tmp_path / 'out', square, work, workers=1) == first
+    assert calls(tmp_path / 'calls') == ['0-0', '1-0', '1-1', '2-0']
+    run_all(tmp_path / 'out', square, work, workers=1, depends_on={'table': [1, 2]})
+    assert calls(tmp_path / 'calls') == ['0-0', '0-1', '1-0', '1-1', '1-2', '2-0', '2-1']
+
+
+@pytest.mark.parametrize(
+    'broken', ['', '{"made_wi', '[]', '{"made_with": {}, "result": {"square": 5}}', None]
+)
+def test_a_broken_part_is_made_anew(tmp_path, broken):
+    work = tasks(tmp_path / 'calls', 1)
     run_all(tmp_path / 'out', square, work, workers=1)
-    work['set1']['seconds'] = 0.001
-    (tmp_path / 'out' / 'set2.json').write_text('{"made_wi')
-    run_all(tmp_path / 'out', square, work, workers=1)
-    assert calls(tmp_path / 'calls') == ['0-0', '1-0', '1-1', '2-0', '2-1']
+    (path,) = (tmp_path / 'out').iterdir()
+    if broken is None:  # made with the same, and nothing in it
+        broken = json.dumps({**json.loads(path.read_text()), 'result': {}})
+    path.write_text(broken)
+    assert run_all(tmp_path / 'out', square, work, workers=1)['set0']['square'] == 0
+    assert calls(tmp_path / 'calls') == ['0-0', '0-1']
 
 
 def test_a_dead_process_costs_only_what_was_not_finished(tmp_path):
@@ -143,7 +161,7 @@ def test_a_stop_is_at_once_and_keeps_what_is_finished(tmp_path, start_slow, how,
     process = start_slow()
     out = tmp_path / 'out'
     # One part is done and two are in progress.
-    assert until(lambda: (out / 'set0.json').exists() and len(calls(tmp_path / 'calls')) == 3, 60)
+    assert until(lambda: any(out.glob('set0_*')) and len(calls(tmp_path / 'calls')) == 3, 60)
     workers = children(process.pid)
     assert len(workers) == 2
     began = time.monotonic()
@@ -156,7 +174,7 @@ def test_a_stop_is_at_once_and_keeps_what_is_finished(tmp_path, start_slow, how,
     assert process.returncode == code
     assert errors == ''
     assert not any(map(alive, workers))
-    assert [path.name for path in out.iterdir()] == ['set0.json']
+    assert [path.name[:5] for path in out.iterdir()] == ['set0_']
     work = tasks(tmp_path / 'calls', 6)
     work['set0'] = json.loads((tmp_path / 'work.json').read_text())['set0']
     results = run_all(out, square, work, workers=1)
@@ -205,7 +223,7 @@ def test_another_executor(tmp_path):
     with ThreadPoolExecutor(1) as executor, pytest.raises(TypeError):
         run_all(tmp_path / 'out', square, work, executor=executor)
     kept = sorted(path.stem for path in (tmp_path / 'out').iterdir())
-    assert kept[:2] == ['set0', 'set1']
+    assert [name[:5] for name in kept[:2]] == ['set0_', 'set1_']
     work = tasks(tmp_path / 'calls', 6)
     with ThreadPoolExecutor(2) as executor:
         results = run_all(tmp_path / 'out', square, work, executor=executor)
