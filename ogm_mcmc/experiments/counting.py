@@ -15,7 +15,7 @@ import numpy as np
 
 from ogm_mcmc.arrays import Float64Array
 from ogm_mcmc.config import MapperConfig, StepModelConfig
-from ogm_mcmc.experiments.results import row
+from ogm_mcmc.experiments.results import row, save_picture
 from ogm_mcmc.geometry import CellBox, Pose2D, PoseBelief, Scan
 from ogm_mcmc.mapping import make_method
 from ogm_mcmc.plotting import Series, curves_png
@@ -37,7 +37,8 @@ def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
     counts = np.arange(1, beams + 1)
     reflection = np.cumsum(ends) / counts
     expected = 1.0 / (1.0 + math.exp(-(beams / 5) * math.log(11.0 / 9.0)))
-    (folder / 'counting.png').write_bytes(
+    save_picture(
+        folder / 'counting.png',
         curves_png(
             [
                 Series('counting: hits / (hits + misses)', counts, reflection),
@@ -48,7 +49,7 @@ def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
             'value of the cell',
             y_limits=(0.0, 1.02),
             log_x=True,
-        )
+        ),
     )
     to_99 = int(counts[occupancy >= 0.99][0])
     return {

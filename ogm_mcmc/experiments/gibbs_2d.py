@@ -31,7 +31,7 @@ from ogm_mcmc.experiments.chains import (
 )
 from ogm_mcmc.experiments.datasets import run_all
 from ogm_mcmc.experiments.hundred_sets import SimulatedSet, set_names, simulated_set
-from ogm_mcmc.experiments.results import row
+from ogm_mcmc.experiments.results import row, save_picture
 from ogm_mcmc.plotting import Series, curves_png
 from ogm_mcmc.plotting.images import heat_png, probability_png
 from ogm_mcmc.sampling import CellModel, GibbsState, PosteriorSampler, RayWindow
@@ -242,7 +242,7 @@ def _pictures(folder: Path, seed: int) -> dict[str, str]:
             trace.append(value)
             if prior == PRIOR and sweep in SHOWN_SWEEPS:
                 name = f'sample_{sweep}.png'
-                (folder / name).write_bytes(probability_png(_on_world(state, window, data)))
+                save_picture(folder / name, probability_png(_on_world(state, window, data)))
                 captions[name] = f'Sample {sweep} from a random map (Fig. 4)'
         curves.append(Series(f'prior {prior:g}', np.arange(1, SWEEPS + 1), np.array(trace)))
         if prior == PRIOR:
@@ -250,8 +250,9 @@ def _pictures(folder: Path, seed: int) -> dict[str, str]:
             sampler.advance(SAMPLES)
     floor = min(float(curve.y[9]) for curve in curves)
     top = max(float(curve.y.max()) for curve in curves)
-    (folder / 'convergence.png').write_bytes(
-        curves_png(curves, 'sweep', 'log posterior, nats', log_x=True, y_limits=(floor, top))
+    save_picture(
+        folder / 'convergence.png',
+        curves_png(curves, 'sweep', 'log posterior, nats', log_x=True, y_limits=(floor, top)),
     )
     captions['convergence.png'] = 'Log posterior of chains from a random map'
     sampled = posterior_map(sampler, window.spec, data.world.spec).probability
@@ -296,5 +297,5 @@ def _figure_5(folder: Path, data: SimulatedSet, sampled: Float32Array) -> dict[s
         ),
     }
     for name, (png, _) in shown.items():
-        (folder / name).write_bytes(png)
+        save_picture(folder / name, png)
     return {name: f'Fig. 5 {caption}' for name, (_, caption) in shown.items()}

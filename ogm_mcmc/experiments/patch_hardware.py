@@ -47,7 +47,7 @@ from ogm_mcmc.experiments.patch_hardware_page import (
     page_of,
     part_name,
 )
-from ogm_mcmc.experiments.results import row
+from ogm_mcmc.experiments.results import row, save_picture
 from ogm_mcmc.experiments.stata import STATA
 from ogm_mcmc.experiments.unseen_space import STARTS, unseen
 from ogm_mcmc.geometry import GridMap
@@ -122,8 +122,8 @@ def _run(of: HardwareSet, folder: Path, *, quick: bool, seed: int) -> dict[str, 
     jobs: dict[str, dict[str, Any]] = {}
     scans = of.scans(data)
     for resolution in (of.quick_resolution_m,) if quick else of.resolutions_m:
-        (folder / benchmark_name(resolution)).write_bytes(
-            benchmark_with_rays(of, scans, resolution)
+        save_picture(
+            folder / benchmark_name(resolution), benchmark_with_rays(of, scans, resolution)
         )
         gaussian = not quick and resolution == of.resolutions_m[0]
         for number in of.pose_strides:
@@ -189,7 +189,7 @@ def score(
         found = sampled.mean
     held_out = without_beams_that_leave(part.held_out, found.spec)
     name = part_name(kind, resolution, number, method)
-    (Path(pictures) / f'{name}.png').write_bytes(probability_png(found.probability))
+    save_picture(Path(pictures) / f'{name}.png', probability_png(found.probability))
     return {
         **_sizes(part.used),
         **{f'benchmark_{what}': count for what, count in _sizes(scans).items()},

@@ -15,7 +15,7 @@ from ogm_mcmc.config import ForwardModelConfig, MapperConfig, PatchConfig
 from ogm_mcmc.errors import PriorError
 from ogm_mcmc.evaluation import confusion_counts, near
 from ogm_mcmc.experiments.map_samples import config_of, sample_map
-from ogm_mcmc.experiments.results import row
+from ogm_mcmc.experiments.results import row, save_picture
 from ogm_mcmc.geometry import GridMap, GridSpec, Pose2D, PoseBelief, Scan
 from ogm_mcmc.mapping import make_method
 from ogm_mcmc.plotting import probability_png
@@ -84,7 +84,7 @@ def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
     counted = near(np.isfinite(live.probability), NEAR_CELLS)
     for name, shown in maps.items():
         file = f'{name.replace(" = ", "").replace(", ", "_").lower()}.png'
-        (folder / file).write_bytes(probability_png(shown.probability))
+        save_picture(folder / file, probability_png(shown.probability))
         pictures[file] = f'{name} ([patch] Fig. 1)'
         if name != 'truth':
             p = np.nan_to_num(shown.probability, nan=CELL_PRIOR)

@@ -10,6 +10,7 @@ their beams, which needs no benchmark).
 
 from __future__ import annotations
 
+import io
 import math
 import os
 from collections.abc import Callable, Sequence
@@ -29,7 +30,7 @@ from ogm_mcmc.evaluation import (
     brier_score,
     confusion_counts,
 )
-from ogm_mcmc.experiments.results import row
+from ogm_mcmc.experiments.results import row, save_picture
 from ogm_mcmc.geometry import CellBox, GridMap, Pose2D, PoseBelief, PoseSamples, Scan
 from ogm_mcmc.io.carmen import LogScan, read_carmen
 from ogm_mcmc.io.gmapping import best_trajectory
@@ -95,8 +96,9 @@ def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
             curves.append(Series(f'{name}, {model}', *curve, f'C{k}{STYLES[model]}'))
         if model == 'step':
             draw(folder, maps, benchmark, mapped)
-    (folder / 'roc.png').write_bytes(
-        curves_png(curves, 'false positive rate', 'true positive rate', x_limits=(0.0, 0.3))
+    save_picture(
+        folder / 'roc.png',
+        curves_png(curves, 'false positive rate', 'true positive rate', x_limits=(0.0, 0.3)),
     )
     spread = [math.sqrt(np.trace(one.particles.covariance()[:2, :2])) for one in believed]
     return {
@@ -287,4 +289,6 @@ def side_by_side(tiles: Sequence[UInt8Array], gap: int, path: Path) -> None:
     rule = np.full((tiles[0].shape[0], 4 * gap, 3), 255, np.uint8)
     parts = [part for tile in tiles for part in (tile, rule)][:-1]
     picture = np.ascontiguousarray(np.concatenate(parts, axis=1)[::-1])
-    Image.fromarray(picture).save(path, format='PNG', optimize=True)
+    stream = io.BytesIO()
+    Image.fromarray(picture).save(stream, format='PNG', optimize=True)
+    save_picture(path, stream.getvalue())

@@ -30,7 +30,7 @@ from ogm_mcmc.evaluation import (
 )
 from ogm_mcmc.experiments.datasets import run_all
 from ogm_mcmc.experiments.hundred_sets import set_names
-from ogm_mcmc.experiments.results import row
+from ogm_mcmc.experiments.results import row, save_picture
 from ogm_mcmc.geometry import CellBox, GridMap, Pose2D, PoseBelief, PoseSamples
 from ogm_mcmc.mapping import make_method
 from ogm_mcmc.plotting import Series, curves_png
@@ -121,11 +121,12 @@ def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
             row(f'{which}: error of the likeliest pose, m', _rms(every, 'error_m'), None, 'rms'),
             row(f'{which}: claimed by the particles, m', _rms(every, 'claimed_m'), None, 'rms'),
         ]
-    (folder / 'roc.png').write_bytes(
+    save_picture(
+        folder / 'roc.png',
         curves_png(
             curves, 'false positive rate', 'true positive rate',
             x_limits=(0.0, 0.3), y_limits=(0.5, 1.0),
-        )
+        ),
     )  # fmt: skip
     figure_rows, pictures = figure_2(folder, seed)
     return {
@@ -285,7 +286,7 @@ def figure_2(folder: Path, seed: int) -> tuple[list[dict[str, Any]], dict[str, s
     }
     for name, panel in panels.items():
         part = np.ascontiguousarray(panel[world.spec.slices(box)])
-        (folder / f'fig2_{name}.png').write_bytes(probability_png(part))
+        save_picture(folder / f'fig2_{name}.png', probability_png(part))
     spreads = ', '.join(f'{value:.3f}' for value in np.sqrt(np.diag(covariance)))
     rows = [
         row(

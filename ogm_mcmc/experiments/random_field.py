@@ -7,6 +7,7 @@ the recursion gives what the linear system gives.
 
 from __future__ import annotations
 
+import io
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +17,7 @@ import numpy as np
 
 from ogm_mcmc.arrays import AnyArray, Float64Array
 from ogm_mcmc.config import MapperConfig, RandomFieldConfig, StepModelConfig, flatten
-from ogm_mcmc.experiments.results import row
+from ogm_mcmc.experiments.results import row, save_picture
 from ogm_mcmc.experiments.windows import map_in
 from ogm_mcmc.geometry import CellBox, Pose2D, PoseBelief, Scan
 from ogm_mcmc.mapping.gaussian_field import GaussianField, Prediction, solve_field
@@ -185,7 +186,9 @@ def _draw_world(seen: Observed, path: Path) -> None:
     axes.plot(*seen.way.T, 'r.-', linewidth=1.0)
     for (x, y), label in ((seen.way[0], '1'), (seen.way[-1], '2')):
         axes.text(x, y + 0.6, label, color='red')
-    figure.savefig(path)
+    stream = io.BytesIO()
+    figure.savefig(stream, format='png')
+    save_picture(path, stream.getvalue())
 
 
 def _draw(grids: dict[str, AnyArray], path: Path) -> None:
@@ -201,4 +204,6 @@ def _draw(grids: dict[str, AnyArray], path: Path) -> None:
         image = axes.imshow(values, origin='lower', cmap='Greys', vmin=low, vmax=top)
         axes.set_title(title)
         figure.colorbar(image, ax=axes, shrink=0.8)
-    figure.savefig(path)
+    stream = io.BytesIO()
+    figure.savefig(stream, format='png')
+    save_picture(path, stream.getvalue())

@@ -6,9 +6,10 @@ from pathlib import Path
 from typing import Any
 
 from ogm_mcmc.errors import OutputError
+from ogm_mcmc.io.map_files import replacing
 from ogm_mcmc.plotting import Page, Picture
 
-__all__ = ['make_page', 'row', 'table_text']
+__all__ = ['make_page', 'row', 'save_picture', 'table_text']
 
 HEADER = ('what', 'ours', 'published', 'remark')
 
@@ -16,6 +17,12 @@ HEADER = ('what', 'ours', 'published', 'remark')
 def row(what: str, ours: Any, published: Any = None, remark: str = '') -> dict[str, Any]:
     """Return one line of a result table; `published` is None where a paper gives no number."""
     return {'what': what, 'ours': ours, 'published': published, 'remark': remark}
+
+
+def save_picture(path: Path, png: bytes) -> None:
+    """Write a picture, whole or not at all; raises OutputError."""
+    with replacing(path) as temporary:
+        temporary.write_bytes(png)
 
 
 def make_page(folder: Path, result: dict[str, Any]) -> Page:

@@ -25,6 +25,7 @@ from ogm_mcmc.experiments.hardware_sets import (
 )
 from ogm_mcmc.experiments.intel import INTEL
 from ogm_mcmc.experiments.map_samples import METHODS, config_of, sample_map
+from ogm_mcmc.experiments.results import save_picture
 from ogm_mcmc.plotting import probability_png
 from ogm_mcmc.refinement import hide_uncertain
 
@@ -64,7 +65,7 @@ def unseen(
     config = replace(config, chain=replace(config.chain, start=start, chains=CHAINS))
     found = sample_map(config, used, box, live, sweeps=sweeps[1])
     shown = hide_uncertain(found.mean, CELL_PRIOR, MARGIN)
-    (Path(pictures) / f'unseen_{start}.png').write_bytes(probability_png(shown.probability))
+    save_picture(Path(pictures) / f'unseen_{start}.png', probability_png(shown.probability))
     measured = np.isfinite(live.probability)
     unknown = ~np.isfinite(shown.probability)
     beyond = benchmark.counted & ~measured
