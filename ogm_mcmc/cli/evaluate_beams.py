@@ -160,12 +160,11 @@ def _pictures(grid_map: GridMap, beams: HeldOutBeams, values: Float64Array) -> l
     surprise = usual - beams.per_cell(values, grid_map.spec)
     shares = (np.arange(ordered.size) + 1.0) / ordered.size
     return [
-        Picture(probability_png(grid_map.probability), 'The map', cells=True),
+        Picture(probability_png(grid_map.probability), 'The map'),
         Picture(
             heat_png(np.maximum(surprise, 0.0), SURPRISE),
             f'Where beams ended that the map did not expect: white as usual ({usual:.2f} nats) or '
             f'better, black {SURPRISE:g} nats below or more; grey: none ended there',
-            cells=True,
         ),
         Picture(
             curves_png(

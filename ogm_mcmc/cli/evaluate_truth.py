@@ -70,20 +70,16 @@ def _scores(scores: dict[str, float]) -> str:
 def _maps(truth: GridMap, comparison: Comparison, threshold: float) -> list[Picture]:
     called, counted = comparison.probability >= threshold, comparison.counted
     return [
-        Picture(
-            probability_png(comparison.measured), 'The map, on the cells of the truth', cells=True
-        ),
-        Picture(probability_png(truth.probability), 'The truth', cells=True),
+        Picture(probability_png(comparison.measured), 'The map, on the cells of the truth'),
+        Picture(probability_png(truth.probability), 'The truth'),
         Picture(
             agreement_png(called, comparison.occupied, counted),
             f'At threshold {threshold:g}: walls found (black), missed (blue), drawn where '
             'there is none (red); grey does not count',
-            cells=True,
         ),
         Picture(
             heat_png(np.where(counted, comparison.divergence, np.nan), 1.0),
             'Divergence per cell: white 0, black 1 nat or more',
-            cells=True,
         ),
     ]
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ogm_mcmc.arrays import Float64Array
+from ogm_mcmc.arrays import AnyArray, Float64Array
 from ogm_mcmc.exact import Enumeration, enumerate_maps
 from ogm_mcmc.experiments.gibbs_line import (
     cell_model,
@@ -21,7 +21,7 @@ from ogm_mcmc.experiments.gibbs_line import (
     measured_line,
 )
 from ogm_mcmc.experiments.results import row, save_picture
-from ogm_mcmc.plotting import heat_png
+from ogm_mcmc.plotting import Grid, Scale, Series, grids_png
 from ogm_mcmc.sampling.estimates import mutual_information_bits, pair_information_bits
 
 __all__ = ['exact_information', 'run']
@@ -46,8 +46,7 @@ def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
     first, second = np.unravel_index(int(others.argmax()), others.shape)
     top = float(others.max())
     for name, values in (('exact.png', exact), ('sampled.png', sampled)):
-        shown = np.where(apart > 0, values, np.nan)
-        save_picture(folder / name, heat_png(shown, top))
+        save_picture(folder / name, information_png(np.where(apart > 0, values, np.nan), top))
     near, far = float(others[apart == 1].max()), float(others[apart >= FAR].max())
     return {
         'rows': [
@@ -63,8 +62,8 @@ def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
                 float(np.abs(sampled - exact)[apart > 0].max()), None, f'{samples} samples'),
         ],
         'pictures': {
-            'exact.png': f'From all 2^{line.n_cells} maps; lower left: the robot; dark: '
-                         f'{top:.3f} bits; the diagonal is left out',
+            'exact.png': f'[patch] Fig. 2: from all 2^{line.n_cells} maps; robot at k = {ROBOT}, '
+                         f'wall at k = {FIRST} (dotted); the diagonal is left out',
             'sampled.png': f'From {samples} maps drawn by Gibbs sampling, on the same scale',
         },
         'settings': {
@@ -76,6 +75,20 @@ def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
         'sampled': sampled.tolist(),
         'notes': ['Noise and reach are ours: the paper prints neither for this example.'],
     }  # fmt: skip
+
+
+def information_png(information: AnyArray, top: float) -> bytes:
+    """Draw information (C, C), bits, over cells, the robot's being cell `ROBOT`, and the wall."""
+    n_cells = information.shape[0]
+    first, last = ROBOT - 0.5, ROBOT + n_cells - 0.5
+    ends, wall = np.array([first, last]), np.full(2, float(FIRST))
+    grid = Grid(
+        information,
+        (first, last, first, last),
+        Scale('mutual information, bits', 0.0, top, 'viridis'),
+        marks=(Series('', wall, ends, 'w:'), Series('', ends, wall, 'w:')),
+    )
+    return grids_png([grid], 'cell k', 'cell k')
 
 
 def exact_information(everything: Enumeration) -> Float64Array:

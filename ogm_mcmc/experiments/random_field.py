@@ -7,8 +7,8 @@ the recursion gives what the linear system gives.
 
 from __future__ import annotations
 
-import io
 import math
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -22,7 +22,7 @@ from ogm_mcmc.experiments.windows import map_in
 from ogm_mcmc.geometry import CellBox, Pose2D, PoseBelief, Scan
 from ogm_mcmc.mapping.gaussian_field import GaussianField, Prediction, solve_field
 from ogm_mcmc.mapping.two_assumption import TwoAssumptionMapper
-from ogm_mcmc.plotting import require_matplotlib
+from ogm_mcmc.plotting import Grid, Scale, Series, grids_png, require_matplotlib
 from ogm_mcmc.simulation import Building, rasterised, true_ranges
 
 __all__ = ['corridor', 'observations', 'run']
@@ -32,6 +32,11 @@ WIDTH, HEIGHT = 30, 18
 WINDOW = CellBox(0, 0, WIDTH, HEIGHT)
 BEAMS, RANGE, NOISE = 5, 9.0, 0.3
 LENGTH_SCALES, VARIANCES = (0.5, 1.0, 1.5, 2.0), (0.03, 0.3)
+EXTENT = (0.0, float(WIDTH), 0.0, float(HEIGHT))
+
+# One wall is 9; where beams cross each other, cells come to sixty.
+LOG_ODDS = Scale('log-odds, nats', -20.0, 20.0, 'BrBG_r')
+VARIANCE, WALL = Scale('variance, nats^2'), Scale('occupied')
 CONFIG = MapperConfig(
     resolution=1.0,
     fusion='per_beam',
@@ -122,25 +127,33 @@ def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
     ]
     for (scale, variance), field in fields.items():
         rows += _rows(seen, field, settings[scale, variance])
-    _draw_world(seen, folder / 'fig2.png')
+    _draw_world(folder / 'fig2.png', seen)
+    by_scale = {f'l = {s:g}': fields[s, 0.1] for s in LENGTH_SCALES}
+    by_variance = {f'sigma^2 = {v:g}': fields[2.0, v] for v in VARIANCES}
     _draw(
-        {'log-odds': seen.log_odds, 'probability': probability(seen.log_odds)},
         folder / 'fig3.png',
+        [
+            Grid(seen.log_odds, EXTENT, LOG_ODDS, '(a) log-odds'),
+            Grid(probability(seen.log_odds), EXTENT, title='(b) probability'),
+        ],
     )
-    _draw({f'l = {s:g}': probability(fields[s, 0.1].mean) for s in LENGTH_SCALES},
-          folder / 'fig4.png')  # fmt: skip
-    _draw({f'sigma^2 = {v:g}': probability(fields[2.0, v].mean) for v in VARIANCES},
-          folder / 'fig5.png')  # fmt: skip
-    _draw({f'l = {s:g}': fields[s, 0.1].variance for s in LENGTH_SCALES},
-          folder / 'variance.png')  # fmt: skip
+    for name, predictions in (('fig4.png', by_scale), ('fig5.png', by_variance)):
+        _draw(
+            folder / name,
+            (Grid(probability(one.mean), EXTENT, title=of) for of, one in predictions.items()),
+        )
+    _draw(
+        folder / 'variance.png',
+        (Grid(one.variance, EXTENT, VARIANCE, of) for of, one in by_scale.items()),
+    )
     return {
         'rows': rows,
         'pictures': {
             'fig2.png': '[field] Fig. 2: the map, and where the robot scans',
-            'fig3.png': '[field] Fig. 3: observed log-odds and probabilities; grey: not measured',
+            'fig3.png': '[field] Fig. 3: observed log-odds, probabilities; bluish: not measured',
             'fig4.png': '[field] Fig. 4: predictions with sigma^2 = 0.1 and four length scales',
             'fig5.png': '[field] Fig. 5: predictions with l = 2 and two variances',
-            'variance.png': 'Variance of the predictions of Fig. 4, white 0, black 1 (ours)',
+            'variance.png': 'Variance of the predictions of Fig. 4 (ours)',
         },
         'settings': {**flatten(CONFIG), 'beams': BEAMS, 'range': RANGE, 'noise': NOISE},
         'notes': [
@@ -176,34 +189,17 @@ def _rows(seen: Observed, field: Prediction, config: RandomFieldConfig) -> list[
     ]
 
 
-def _draw_world(seen: Observed, path: Path) -> None:
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(6.0, 3.8), dpi=100, layout='tight')
-    axes = figure.add_subplot()
-    extent = (0, WIDTH, 0, HEIGHT)
-    axes.imshow(seen.truth == 1.0, origin='lower', cmap='Greys', extent=extent)
-    axes.plot(*seen.way.T, 'r.-', linewidth=1.0)
-    for (x, y), label in ((seen.way[0], '1'), (seen.way[-1], '2')):
-        axes.text(x, y + 0.6, label, color='red')
-    stream = io.BytesIO()
-    figure.savefig(stream, format='png')
-    save_picture(path, stream.getvalue())
+def _draw(path: Path, grids: Iterable[Grid]) -> None:
+    save_picture(path, grids_png(list(grids), 'x, m', 'y, m', columns=2, side=300))
 
 
-def _draw(grids: dict[str, AnyArray], path: Path) -> None:
-    """Grids side by side: probabilities and variances from white 0 to black 1."""
-    from matplotlib.figure import Figure
-
-    rows = (len(grids) + 1) // 2
-    figure = Figure(figsize=(8.0, 2.8 * rows), dpi=100, layout='tight')
-    for place, (title, values) in enumerate(grids.items()):
-        axes = figure.add_subplot(rows, 2, place + 1, facecolor='#bec6d0')
-        top = 1.0 if title != 'log-odds' else float(np.nanmax(np.abs(values)))
-        low = 0.0 if title != 'log-odds' else -top
-        image = axes.imshow(values, origin='lower', cmap='Greys', vmin=low, vmax=top)
-        axes.set_title(title)
-        figure.colorbar(image, ax=axes, shrink=0.8)
-    stream = io.BytesIO()
-    figure.savefig(stream, format='png')
-    save_picture(path, stream.getvalue())
+def _draw_world(path: Path, seen: Observed) -> None:
+    x, y = seen.way.T
+    marks = (
+        Series('the robot scans', x, y, 'C3.-'),
+        Series('1, start', x[:1], y[:1], 'C3o'),
+        Series('2, end', x[-1:], y[-1:], 'C3s'),
+    )
+    walls = np.nan_to_num(seen.truth)
+    world = Grid(walls, EXTENT, WALL, marks=marks)
+    save_picture(path, grids_png([world], 'x, m', 'y, m'))

@@ -10,7 +10,7 @@ from PIL import Image
 
 from ogm_mcmc.arrays import AnyArray, BoolArray, UInt8Array
 
-__all__ = ['agreement_png', 'heat_png', 'kinds_png', 'probability_png']
+__all__ = ['agreement_png', 'heat_png', 'kinds_png', 'pixels_are_cells', 'probability_png']
 
 UNKNOWN_COLOUR = (190, 198, 208)
 WHITE = (255, 255, 255)
@@ -28,6 +28,15 @@ def _png(pixels: UInt8Array, palette: list[int]) -> bytes:
     stream = io.BytesIO()
     image.save(stream, format='PNG', optimize=True)
     return stream.getvalue()
+
+
+def pixels_are_cells(png: bytes, width: int) -> bool:
+    """Whether a picture is one of this module, at most `width` cells wide.
+
+    These have a palette; figures with axes have not.
+    """
+    with Image.open(io.BytesIO(png)) as image:
+        return image.mode == 'P' and image.width <= width
 
 
 def probability_png(probability: AnyArray) -> bytes:

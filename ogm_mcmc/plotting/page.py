@@ -7,6 +7,8 @@ import html
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from ogm_mcmc.plotting.images import pixels_are_cells
+
 __all__ = ['Page', 'Picture']
 
 STYLE = """
@@ -24,13 +26,15 @@ figure img.cells { image-rendering: pixelated; }
 figcaption { color: #555; font-size: 0.9em; }
 """
 
+# Pixels a picture is wide at most on the page. Without smoothing, wider ones would lose cells.
+COLUMN = 600
+
 
 class Picture(NamedTuple):
-    """A PNG with its caption; `cells` says that a pixel is a cell, to be shown unsmoothed."""
+    """A PNG with its caption."""
 
     png: bytes
     caption: str
-    cells: bool = False
 
 
 class Page:
@@ -60,11 +64,11 @@ class Page:
         self._parts.append('\n'.join([*lines, '</table>']))
 
     def pictures(self, pictures: Sequence[Picture]) -> None:
-        """Add pictures beside each other."""
+        """Add pictures beside each other; grids that the browser enlarges keep sharp cells."""
         figures = []
         for picture in pictures:
             data = base64.b64encode(picture.png).decode('ascii')
-            kind = ' class="cells"' if picture.cells else ''
+            kind = ' class="cells"' if pixels_are_cells(picture.png, COLUMN) else ''
             caption = html.escape(picture.caption)
             figures.append(
                 f'<figure><img{kind} alt="{caption}" src="data:image/png;base64,{data}">'

@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from ogm_mcmc.experiments import pose_sim
 from ogm_mcmc.geometry import Pose2D, PoseBelief, PoseSamples
+from ogm_mcmc.plotting.grids import BOTTOM, LEFT, LEGEND, RIGHT, TOP
 
 
 def test_likeliest_particle():
@@ -47,8 +49,20 @@ def test_short_exploration(monkeypatch):
 def test_figure_2_spreads_what_is_known(tmp_path):
     rows, pictures = pose_sim.figure_2(tmp_path, seed=1)
     exact, uncertain = (line['ours'] for line in rows)
-    # Every cell of the ideal model is at 0.2 or 0.8: half a nat each.
+    # Every cell of the ideal model is at 0.01 or 0.99.
     cells = int(rows[0]['remark'].split()[1])
-    assert exact == pytest.approx(cells * 0.5004, rel=1e-3)
+    assert exact == pytest.approx(cells * 0.0560, rel=1e-3)
     assert uncertain > exact
     assert {path.name for path in tmp_path.iterdir()} == set(pictures)
+    shades = {}
+    for name in pictures:
+        with Image.open(tmp_path / name) as picture:
+            pixels = np.asarray(picture.convert('RGB')).astype(int)
+        top = TOP if name == 'fig2_exact.png' else TOP + LEGEND
+        inside = pixels[top + 2 : -BOTTOM - 2, LEFT + 2 : -RIGHT - 2].reshape(-1, 3)
+        grey = inside.max(axis=1) == inside.min(axis=1)
+        shades[name] = set(inside[grey, 0].tolist())
+        assert (~grey).any() == (name != 'fig2_exact.png')  # robot, field of view, spread
+    # Free, unknown, occupied, in a map as the paper shows it; much in between in the other.
+    assert shades['fig2_exact.png'] == {253, 127, 1}
+    assert len(shades['fig2_uncertain.png']) > 50

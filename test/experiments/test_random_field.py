@@ -2,8 +2,11 @@
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from ogm_mcmc.experiments.random_field import corridor, observations, roughness, run
+from ogm_mcmc.plotting.grids import LEFT, TOP
+from ogm_mcmc.plotting.images import UNKNOWN_COLOUR
 from ogm_mcmc.simulation import true_ranges
 
 
@@ -47,3 +50,13 @@ def test_result(tmp_path):
     assert by_variance == sorted(by_variance, reverse=True)
     for name in result['pictures']:
         assert (tmp_path / name).stat().st_size > 1000
+    # Walls, far from the outliers of sixty nats in the middle of the corridor, are seen as such.
+    seen = observations(2, 2.0).log_odds
+    with Image.open(tmp_path / 'fig3.png') as picture:
+        pixels = np.asarray(picture.convert('RGB')).astype(int)
+    middles = (TOP + 10 * np.arange(18)[::-1] + 5)[:, None], LEFT + 10 * np.arange(30) + 5
+    red, _, blue = np.moveaxis(pixels[middles], 2, 0)
+    assert np.nanmax(np.abs(seen)) > 50.0
+    assert (red - blue)[seen == 9.0].min() > 50
+    assert (blue - red)[seen == -7.0].min() > 50
+    assert (pixels[middles][np.isnan(seen)] == UNKNOWN_COLOUR).all()

@@ -80,7 +80,7 @@ def test_a_page_holds_everything_itself():
     page = Page('a < b')
     page.heading('tables & more')
     page.table(('name', 'value'), [('x', 1.23456789), ('<script>', None), ('n', 12345678)])
-    page.pictures([Picture(png, 'cells "1"', cells=True)])
+    page.pictures([Picture(png, 'cells "1"')])
     text = page.html()
     HTMLParser().feed(text)
     assert '<title>a &lt; b</title>' in text
@@ -90,6 +90,19 @@ def test_a_page_holds_everything_itself():
     (embedded,) = re.findall(r'src="data:image/png;base64,([^"]+)"', text)
     assert base64.b64decode(embedded) == png
     assert 'http' not in text
+
+
+def test_grids_that_are_enlarged_keep_sharp_cells():
+    def sharp(png):
+        page = Page('one')
+        page.pictures([Picture(png, 'it')])
+        return 'class="cells"' in page.html()
+
+    assert sharp(probability_png(np.zeros((2, 600))))
+    assert sharp(heat_png(np.zeros((900, 2)), 1.0))
+    # A wider one is shrunk, and thin walls must not fall between the pixels.
+    assert not sharp(probability_png(np.zeros((2, 601))))
+    assert not sharp(curves_png([Series('a', np.arange(3), np.arange(3))], 'x', 'y'))
 
 
 def test_without_matplotlib_one_line_says_what_to_do(monkeypatch):
