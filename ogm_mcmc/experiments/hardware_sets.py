@@ -24,6 +24,7 @@ from ogm_mcmc.mapping import make_method
 
 __all__ = [
     'CELL_PRIOR',
+    'NEAR_CELLS',
     'THRESHOLD',
     'Benchmark',
     'HardwareSet',

@@ -121,9 +121,9 @@ def test_mapped_share_is_that_of_table_iii(data_folder):
 
 
 @pytest.mark.data
-def test_border_beats_traditional_in_coarse_cells(data_folder, tmp_path):
+def test_border_beats_traditional_in_coarse_cells(data_folder):
     common = {
-        'of': 'intel', 'data': str(data_folder), 'pictures': str(tmp_path), 'resolution': 0.1,
+        'of': 'intel', 'data': str(data_folder), 'resolution': 0.1,
         'number': 3, 'kind': 'beam', 'seed': 1, 'held_out_scans': 28,
     }  # fmt: skip
     by = {
@@ -149,9 +149,9 @@ def test_border_beats_traditional_in_coarse_cells(data_folder, tmp_path):
 
 
 @pytest.mark.data
-def test_dispersed_chains_say_unknown_where_nothing_was_measured(data_folder, tmp_path):
+def test_dispersed_chains_say_unknown_where_nothing_was_measured(data_folder):
     common = {
-        'data': str(data_folder), 'pictures': str(tmp_path), 'resolution': 0.1, 'number': 3,
+        'data': str(data_folder), 'resolution': 0.1, 'number': 3,
         'sweeps': [20, 20], 'seed': 1,
     }  # fmt: skip
     by = {start: unseen(**common, start=start) for start in ('live', 'dispersed')}
