@@ -18,6 +18,7 @@ last seconds, not tenths. The result is that of local chains with the same seed.
 
 from __future__ import annotations
 
+import asyncio
 import copy
 import hashlib
 import pickle
@@ -47,6 +48,9 @@ __all__ = ['ChainState', 'advance_chain', 'connected', 'distribute', 'sample_cha
 ANSWER_S = 10.0
 WORKERS_S = 30.0
 
+LAST_PORT = 65535
+EXPECTED = 'expected the address of a Dask scheduler, such as tcp://host:8786'
+
 # A task may be lost with so many workers before it is to blame itself.
 RETRIES = 3
 
@@ -68,13 +72,11 @@ def connected(address: str) -> Iterator[Executor | None]:
         raise ConfigError(
             f'--scheduler needs distributed ({error}): pip install "ogm_mcmc[cluster]"'
         ) from error
+    _check_address(address)
     try:
         client = Client(address, timeout=ANSWER_S, set_as_default=False)
     except (OSError, ValueError) as error:
-        raise ClusterError(
-            f'scheduler {address}: no answer; expected the address of a Dask scheduler, '
-            'such as tcp://host:8786'
-        ) from error
+        raise ClusterError(f'scheduler {address}: no answer; {EXPECTED}') from error
     try:
         _check_workers(client, address)
         executor = client.get_executor(pure=False, retries=RETRIES)
@@ -90,6 +92,49 @@ def connected(address: str) -> Iterator[Executor | None]:
         ) from error
     finally:
         client.close()
+
+
+def _check_address(address: str) -> None:
+    """Raise ClusterError unless a scheduler answers.
+
+    Only then is a Client made: one that fails to connect may hang when it is thrown away.
+    """
+    from distributed.comm import get_address_host_port
+
+    try:
+        _, port = get_address_host_port(address)
+        if not 0 < port <= LAST_PORT:
+            raise ValueError(port)
+    except (ImportError, ValueError) as error:
+        raise ClusterError(f'scheduler {address}: {EXPECTED}') from error
+    try:
+        found = asyncio.run(_who_answers(address))
+    except OSError as error:
+        raise ClusterError(f'scheduler {address}: no answer; {EXPECTED}') from error
+    except (RuntimeError, TypeError) as error:
+        # An encrypted connection without certificates, or a plain one where that is forbidden.
+        reason = ' '.join(str(error).split())
+        raise ClusterError(
+            f"scheduler {address}: {reason}; expected what distributed.comm of Dask's "
+            'configuration allows'
+        ) from error
+    if found != 'Scheduler':
+        raise ClusterError(f'scheduler {address}: is a {found}; {EXPECTED}')
+
+
+async def _who_answers(address: str) -> str:
+    """Return what kind of Dask server an address is of: Scheduler, Worker, Nanny."""
+    from distributed.comm import connect
+    from distributed.core import send_recv
+    from distributed.security import Security
+
+    settings = Security().get_connection_args('client')
+    comm = await connect(address, timeout=ANSWER_S, **settings)
+    try:
+        answer = await asyncio.wait_for(send_recv(comm, op='identity'), ANSWER_S)
+        return str(answer['type'])
+    finally:
+        comm.abort()
 
 
 def _check_workers(client: Any, address: str) -> None:

@@ -97,7 +97,6 @@ class Refinement:
     def __init__(self, config: SamplerConfig) -> None:
         self.config = config
         self._taken: list[Placement] = []
-        self._times_taken = 0
         self.window = self._empty_window()
         self._table, self.prior = _patch_prior(
             config.patch, config.chain.prior, config.window.resolution
@@ -112,9 +111,10 @@ class Refinement:
         """Use these scans from now on; return the number of rays.
 
         Scans added since the last time extend the rays already indexed; any other change builds
-        them anew. Chains go on from where they are (a warm start), or begin at `start` or as the
-        configuration says. Raises WindowError when there is nothing to sample or too much, and
-        GridError when `start` is of another lattice; nothing has changed then.
+        them anew. Chains begin at `start`; without it they go on from where they are (a warm
+        start), and the first ones begin as the configuration says. Raises WindowError when there
+        is nothing to sample or too much, and GridError when `start` is of another lattice;
+        nothing has changed then.
         """
         if not scans:
             raise WindowError('no scan was recorded: expected at least one')
@@ -131,7 +131,6 @@ class Refinement:
         if window.index.n_rays == 0:
             raise WindowError(f'no beam of {len(scans)} scans says anything: nothing to sample')
         self.window, self._taken = window, list(scans)
-        self._times_taken += 1
         self._begin(start, warm)
         return window.index.n_rays
 
@@ -156,10 +155,10 @@ class Refinement:
         chain, spec = self.config.chain, self.window.spec
         model = self._model()
         threshold = chain.start_threshold
-        if warm:
-            starts = [cells_on(spec, grid, 0.5, chain.prior) for grid in warm]
-        elif start is not None:
+        if start is not None:
             starts = [cells_on(spec, start, threshold, chain.prior)] * chain.chains
+        elif warm:
+            starts = [cells_on(spec, grid, 0.5, chain.prior) for grid in warm]
         else:
             live = live_map(self._taken, self.config.window)
             starts = over_dispersed_starts(
@@ -170,10 +169,12 @@ class Refinement:
                 chain.seed,
                 cells_on(spec, live, 0.5, 1.0) == 0,
             )
-        # After a warm start another stream of random numbers, or the chains would repeat one.
-        seed: int | list[int] = [chain.seed, self._times_taken] if warm else chain.seed
-        self.sampler = PosteriorSampler(model, starts, seed=seed, burn_in=chain.burn_in)
-        self.quality, self._summary = None, None
+        sampler = PosteriorSampler(model, starts, seed=chain.seed, burn_in=chain.burn_in)
+        if self.sampler is not None:
+            # From the seed, chains would repeat the numbers that brought them where they are. The
+            # generators are in a saved state, too: chains taken up again draw the same from here.
+            sampler.rngs = self.sampler.rngs
+        self.sampler, self.quality, self._summary = sampler, None, None
 
     def _present_maps(self) -> list[GridMap]:
         if self.sampler is None:

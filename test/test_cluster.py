@@ -123,7 +123,7 @@ def test_a_prior_file_need_not_be_on_the_worker(scans, tmp_path):
     mine = tmp_path / 'mine.npz'
     mine.write_bytes(default_prior_file().read_bytes())
     chosen = config(prior='border', size=9, prior_file=str(mine))
-    stop = StopConfig(max_sweeps=25, max_time=1e6, r_hat=0.0)
+    stop = StopConfig(max_sweeps=40, max_time=1e6, r_hat=0.0)
     here, there = Refinement(chosen), Refinement(chosen)
     here.take(scans)
     there.take(scans)
@@ -186,7 +186,8 @@ def test_experiment_on_a_cluster(dask_cluster, tmp_path, monkeypatch, capsys):
     assert 'number' in capsys.readouterr().out
     assert found['one']['process'] != os.getpid()
     # Without a cluster a single data set is computed in this process.
-    (tmp_path / 'out' / 'sets' / 'one.json').unlink()
+    for path in (tmp_path / 'out' / 'sets').iterdir():
+        path.unlink()
     assert run(arguments) == 0
     assert found['one']['process'] == os.getpid()
 
@@ -224,7 +225,40 @@ def test_no_scheduler(monkeypatch, tmp_path, capsys):
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 1
     assert 'tcp://127.0.0.1:9' in lines[0]
-    with pytest.raises(ClusterError, match='expected the address'), connected('no://where'):
+
+
+@pytest.mark.parametrize(
+    ('address', 'reason'),
+    [
+        ('inproc://x', 'expected the address of a Dask scheduler, such as tcp://host:8786'),
+        ('tls://127.0.0.1:9', "expected what distributed.comm of Dask's configuration allows"),
+    ],
+)
+def test_an_address_that_cannot_be_is_one_line_at_once(run_cli, tmp_path, address, reason):
+    """A process of its own: what is left of a client speaks when Python ends."""
+    pytest.importorskip('distributed')
+    done = run_cli('experiment', 'pose-sim', '--quick', '--scheduler', address, timeout=60)
+    assert done.returncode == 2
+    (line,) = done.stderr.splitlines()
+    assert line.startswith(f'ogm_mcmc experiment: error: scheduler {address}: ')
+    assert reason in line
+    assert not any(tmp_path.rglob('*.json'))
+
+
+@pytest.mark.parametrize(
+    'address',
+    ['bla', 'http://x', 'no://where', 'tcp://127.0.0.1', 'tcp://[::1', 'tcp://127.0.0.1:99999'],
+)
+def test_no_client_is_made_for_an_address_that_cannot_be(address, monkeypatch):
+    distributed = pytest.importorskip('distributed')
+    monkeypatch.setattr(distributed, 'Client', None)
+    with pytest.raises(ClusterError, match='expected the address'), connected(address):
+        pass
+
+
+def test_a_worker_is_no_scheduler(dask_cluster):
+    worker, *_ = dask_cluster.scheduler_info['workers']
+    with pytest.raises(ClusterError, match='is a Worker; expected'), connected(worker):
         pass
 
 

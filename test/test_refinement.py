@@ -201,6 +201,19 @@ def test_a_start_map_of_another_lattice_is_refused_before_anything_changes(other
     assert refinement.take([FIRST, SECOND]) == 7
 
 
+def test_a_start_map_is_where_chains_begin_that_were_elsewhere():
+    """Whoever names a start means it; the numbers drawn are new ones all the same."""
+    refinement = taken(FIRST)
+    first = refinement.sampler.rngs[0].bit_generator.state
+    run(refinement, max_sweeps=40)
+    before = maps(refinement)
+    refinement.take([FIRST, SECOND], lattice_map([[0.0, 0.9]]))
+    assert maps(refinement) == [{(1, 0)}] * 2
+    assert before != [{(1, 0)}] * 2
+    assert refinement.sampler.rngs[0].bit_generator.state != first
+    assert refinement.sampler.sweeps == 0
+
+
 def test_chains_start_from_the_live_map():
     grid = live_map([FIRST, SECOND], settings().window)
     rows, columns = np.nonzero(grid.probability >= 0.5)

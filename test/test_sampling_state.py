@@ -64,6 +64,28 @@ def test_goes_on_as_if_nothing_had_happened(tmp_path, patch, before):
     assert np.array_equal(whole.map().probability, first.map().probability, equal_nan=True)
 
 
+@pytest.mark.parametrize('started', [False, True], ids=['warm', 'from a map'])
+def test_scans_that_come_after_an_interruption_change_nothing_either(tmp_path, started):
+    """Taken twice, interrupted, taken a third time: what one process would have drawn."""
+    some = scans()
+    whole = taken(some[:2])
+    sweep(whole, 40)
+    whole.take(some[:3])
+    sweep(whole, 30)
+    whole.save(tmp_path / 'chains.npz')
+
+    second = taken(some[:3])
+    second.resume(tmp_path / 'chains.npz')
+    start = whole.map() if started else None
+    for refinement in (whole, second):
+        refinement.take(some, start)
+        assert refinement.sampler.sweeps == 0
+        sweep(refinement, 60)
+    assert np.array_equal(whole.map().probability, second.map().probability, equal_nan=True)
+    for a, b in zip(whole.sampler.states, second.sampler.states, strict=True):
+        assert np.array_equal(a.cells, b.cells)
+
+
 def test_what_was_sampled_otherwise_is_refused_and_changes_nothing(tmp_path):
     path = tmp_path / 'chains.npz'
     first = taken(scans())

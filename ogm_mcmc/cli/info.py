@@ -14,6 +14,8 @@ from ogm_mcmc.io.scan_stream import POSE_TYPES
 
 __all__ = ['add_to']
 
+DETAILS = ('frame', 'sensors', 'beams', 'field_of_view_rad', 'range_m', 'particles', 'problem')
+
 
 def add_to(subparsers: Subparsers) -> None:
     """Declare the command."""
@@ -43,8 +45,12 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _first_message(bag: BagReader, topic: str, msgtype: str) -> dict[str, Any]:
-    """Return the essentials of a scan or pose topic, from its first message."""
-    interesting = (ros_types.SCAN, *(kind for kinds in POSE_TYPES.values() for kind in kinds))
+    """Return the essentials of a scan, range or pose topic, from its first message."""
+    interesting = (
+        ros_types.SCAN,
+        ros_types.RANGE,
+        *(kind for kinds in POSE_TYPES.values() for kind in kinds),
+    )
     record = next(bag.records((topic,)), None) if msgtype in interesting else None
     if record is None:
         return {}
@@ -55,11 +61,27 @@ def _first_message(bag: BagReader, topic: str, msgtype: str) -> dict[str, Any]:
             scan = messages.read_scan(message)
             details['beams'] = scan.ranges_m.size
             details['range_m'] = [round(scan.range_min_m, 3), round(scan.range_max_m, 3)]
+        elif msgtype == ros_types.RANGE:
+            scan = messages.read_range(message)
+            details['field_of_view_rad'] = round(scan.beam_width_rad, 3)
+            details['range_m'] = [round(scan.range_min_m, 3), round(scan.range_max_m, 3)]
+            details['sensors'] = len(_frames_in_turn(bag, topic))
         elif msgtype == ros_types.PARTICLES:
             details['particles'] = len(message.poses)
     except (BagError, OgmError) as error:
         return {'problem': str(error)}
     return details
+
+
+def _frames_in_turn(bag: BagReader, topic: str) -> set[str]:
+    """Return the frames on a topic up to where one of them comes again."""
+    frames: set[str] = set()
+    for record in bag.records((topic,)):
+        frame = messages.frame_of(bag.decode(record))
+        if frame in frames:
+            break
+        frames.add(frame)
+    return frames
 
 
 def _text(values: dict[str, Any]) -> str:
@@ -70,11 +92,7 @@ def _text(values: dict[str, Any]) -> str:
     width = max((len(topic['name']) for topic in values['topics']), default=0)
     for topic in values['topics']:
         rate = topic['n_messages'] / values['duration_s'] if values['duration_s'] > 0 else 0.0
-        details = ', '.join(
-            f'{key} {topic[key]}'
-            for key in ('frame', 'beams', 'range_m', 'particles', 'problem')
-            if key in topic
-        )
+        details = ', '.join(f'{key} {topic[key]}' for key in DETAILS if key in topic)
         lines.append(
             f'  {topic["name"]:<{width}}  {topic["n_messages"]:>8}  {rate:>7.2f} Hz  '
             f'{topic["msgtype"]}' + (f'  ({details})' if details else '')

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
-import signal
 import sys
-import threading
 
 from ogm_mcmc import __version__
 from ogm_mcmc.cli import (
@@ -23,6 +21,7 @@ from ogm_mcmc.cli import (
     sample,
     simulate,
 )
+from ogm_mcmc.cli.signals import leave_on_signals
 from ogm_mcmc.errors import OgmError
 
 __all__ = ['run']
@@ -58,9 +57,7 @@ def make_parser() -> argparse.ArgumentParser:
 def run(argv: list[str] | None = None) -> int:
     """Run a command; return the exit code."""
     options = make_parser().parse_args(argv)
-    if threading.current_thread() is threading.main_thread():
-        # Leave through every `with`, so that nothing half-written stays behind.
-        signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
+    leave_on_signals()
     try:
         return int(options.run(options))
     except OgmError as error:

@@ -57,6 +57,7 @@ def run(options: argparse.Namespace) -> int:
     # What cannot be saved is better said before the work than after it.
     checked_name(options.name)
     writable_folder(options.folder)
+    frames: set[str] = set()
     started = time.perf_counter()
     with BagReader(options.bag) as bag:
         choice = stream_choice(options, placing, config)
@@ -65,6 +66,7 @@ def run(options: argparse.Namespace) -> int:
         with tqdm(total=n_scans, unit=' scans', desc='map', disable=None) as bar:
             placed = PlacedScans(bag, topics, choice, on_scan=bar.update)
             for scan, belief in placed:
+                frames.add(scan.frame_id)
                 pipeline.update(scan, belief, sensor_mount(placing.mount, scan.frame_id))
     dropped = dict(placed.placer.dropped)
     if pipeline.scans_used == 0:
@@ -72,6 +74,8 @@ def run(options: argparse.Namespace) -> int:
             f'{options.bag}: none of {n_scans} scans could be placed ({dropped}): '
             f'expected poses on {topics.pose.name} around the stamps of {topics.scan.name}'
         )
+    # A single sensor may well sit at mount.x, mount.y; several of them hardly do.
+    unmounted = sorted(frames - set(placing.mount.named())) if len(frames) > 1 else []
     settings = {**flatten(config), **flatten(output), **flatten(placing)}
     grid_map = pipeline.map()
     kinds = ('npz', 'json', 'png', 'pgm', 'yaml')
@@ -83,6 +87,7 @@ def run(options: argparse.Namespace) -> int:
         'scans': n_scans,
         'scans_used': pipeline.scans_used,
         'dropped': dropped,
+        'frames_without_mount': unmounted,
         'width': grid_map.spec.width,
         'height': grid_map.spec.height,
         'origin': [grid_map.spec.origin_x_m, grid_map.spec.origin_y_m],
@@ -138,8 +143,16 @@ def _text(result: dict[str, Any]) -> str:
         f'{result["width"]} x {result["height"]} cells ({side_x:.1f} m x {side_y:.1f} m) '
         f'in {result["seconds"]:.2f} s'
         + (f'; dropped: {dropped}' if dropped else '')
+        + _unmounted_text(result['frames_without_mount'])
         + (_tree_text(result['tree']) if 'tree' in result else '')
     )
+
+
+def _unmounted_text(frames: list[str]) -> str:
+    if not frames:
+        return ''
+    named = ', '.join(frames[:3]) + (', ...' if len(frames) > 3 else '')
+    return f'; without a mount of their own (--mount.frames), all at (mount.x, mount.y): {named}'
 
 
 def _tree_text(tree: dict[str, Any]) -> str:

@@ -1,7 +1,7 @@
 """Settings: what may be set (`mapping`, `sampling`, `priors`), and how (`settings`)."""
 
 from ogm_mcmc.config.adaptive import AdaptiveConfig
-from ogm_mcmc.config.evaluation import EvaluationConfig
+from ogm_mcmc.config.evaluation import EvaluationConfig, ExpectedScanConfig, HeldOutConfig
 from ogm_mcmc.config.mapping import (
     LIVE_MAPPING,
     CountingConfig,
@@ -45,6 +45,8 @@ __all__ = [
     'LIVE_MAPPING',
     'CountingConfig',
     'EvaluationConfig',
+    'ExpectedScanConfig',
+    'HeldOutConfig',
     'GaussianModelConfig',
     'AdaptiveConfig',
     'MapperConfig',

@@ -1,4 +1,4 @@
-"""Settings of a comparison between a map and the truth."""
+"""Settings of the judges of a map: the truth, beams it has not seen, a scan that may come."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from ogm_mcmc.config.settings import check_bounds, setting
 
-__all__ = ['EvaluationConfig']
+__all__ = ['EvaluationConfig', 'ExpectedScanConfig', 'HeldOutConfig']
 
 
 @dataclass(frozen=True)
@@ -39,6 +39,38 @@ class EvaluationConfig:
     bins: int = setting(10, 'bins of the reliability curve', low=1, high=1000)
     nearest: bool = setting(
         False, 'accept maps whose cells lie between those of the truth; the nearest is taken'
+    )
+
+    def __post_init__(self) -> None:
+        """Refuse what is out of bounds."""
+        check_bounds(self)
+
+
+@dataclass(frozen=True)
+class HeldOutConfig:
+    """Which beams of a recording judge a map."""
+
+    beams_stride: int = setting(1, 'use every so many-th placed scan', low=1, high=10**7)
+    leaving: str = setting(
+        'unknown',
+        'beams that end outside of the map: unknown: the cells out there are as those never '
+        'measured; exclude: such beams do not count',
+        choices=('unknown', 'exclude'),
+    )
+
+    def __post_init__(self) -> None:
+        """Refuse what is out of bounds."""
+        check_bounds(self)
+
+
+@dataclass(frozen=True)
+class ExpectedScanConfig:
+    """The lidar of a scan that may come."""
+
+    lidar_beams: int = setting(360, 'beams of the scan', low=1, high=100_000)
+    lidar_range_max: float = setting(12.0, 'how far they reach, m', low=0.01, high=1000.0)
+    lidar_field_of_view: float = setting(
+        360.0, 'angle from first to last, around straight ahead, degrees', low=0.01, high=360.0
     )
 
     def __post_init__(self) -> None:

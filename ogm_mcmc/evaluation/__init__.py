@@ -11,7 +11,8 @@ Three questions, three kinds of answers:
 
 Everything takes plain arrays or a `GridMap`; unknown cells are nan, and the caller says what
 they stand for. Counts and bins of several maps add up (`pooled`). `compare` computes all figures
-of a map and its truth at once; `first_hits` is the one place where beams meet probabilities.
+of a map and its truth at once; `first_hits` is the one place where beams meet probabilities;
+`held_out` says which beams of a recording judge a map.
 """
 
 from ogm_mcmc.evaluation.beam_likelihood import (
@@ -32,16 +33,27 @@ from ogm_mcmc.evaluation.divergence import (
     total_divergence,
 )
 from ogm_mcmc.evaluation.first_hits import FirstHits, first_hits
+from ogm_mcmc.evaluation.held_out import (
+    LEAVING,
+    HeldOutBeams,
+    Ratio,
+    held_out_beams,
+    ratio_of_sums,
+    without_beams_that_leave,
+)
 from ogm_mcmc.evaluation.information import expected_information_gain
 from ogm_mcmc.evaluation.masks import MASKS, cells_that_count, near
 
 __all__ = [
+    'LEAVING',
     'MASKS',
     'Comparison',
     'DistanceError',
     'Divergence',
     'FirstHits',
+    'HeldOutBeams',
     'LogDensity',
+    'Ratio',
     'Reliability',
     'Scores',
     'ThresholdCounts',
@@ -56,11 +68,14 @@ __all__ = [
     'entropy_nats',
     'expected_information_gain',
     'first_hits',
+    'held_out_beams',
     'informative_beams',
     'log_likelihood_of_samples',
     'near',
     'occupied_distance_error',
+    'ratio_of_sums',
     'reliability',
     'table_log_density',
     'total_divergence',
+    'without_beams_that_leave',
 ]

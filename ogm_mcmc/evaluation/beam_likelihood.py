@@ -7,12 +7,14 @@ mean per beam is what is compared.
 
 A forward model is any callable `log_density(z_m, f_m)` on arrays of equal shape: log p(z | f),
 nats (per metre), where f = inf stands for nothing hit within reach and z = inf for a beam that
-did not return, whose value is a log-probability.
+did not return, whose value is a log-probability. A `ForwardModel` serves as well, with the
+reach of each scan.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -21,10 +23,12 @@ from ogm_mcmc.errors import GridError
 from ogm_mcmc.evaluation.first_hit_kernels import segment_log_sums
 from ogm_mcmc.evaluation.first_hits import FirstHits, first_hits
 from ogm_mcmc.geometry import GridMap, Pose2D, Scan
+from ogm_mcmc.sensors.forward_model import ForwardModel
 
 __all__ = [
     'LogDensity',
     'beam_log_likelihood',
+    'density_within',
     'informative_beams',
     'log_likelihood_of_samples',
     'table_log_density',
@@ -62,47 +66,63 @@ def informative_beams(scan: Scan, *, no_return: str = 'clear') -> BoolArray:
     return np.asarray(beams, np.bool_)
 
 
+def density_within(judge: LogDensity | ForwardModel, reach_m: float) -> LogDensity:
+    """Return the density of a judge for beams of one reach."""
+    if isinstance(judge, ForwardModel):
+        return partial(judge.log_density, reach_m=reach_m)
+    return judge
+
+
 def beam_log_likelihood(
     grid_map: GridMap,
     placed: Iterable[tuple[Scan, Pose2D]],
-    log_density: LogDensity,
+    judge: LogDensity | ForwardModel,
     *,
     prior: float = 0.5,
     no_return: str = 'clear',
-    depth: float = 0.5,
+    depth: float | None = None,
 ) -> Float64Array:
-    """Log-likelihood (N,) of every informative beam of scans from known sensor poses, nats."""
+    """Log-likelihood (N,) of every informative beam of scans from known sensor poses, nats.
+
+    Unknown cells and those outside of the map are occupied with probability `prior`. `depth`
+    says where inside a cell a beam is reflected: by default as the model has it, or half way.
+    """
+    if depth is None:
+        depth = judge.depth if isinstance(judge, ForwardModel) else 0.5
     parts = [np.empty(0)]
     for scan, sensor in placed:
         beams = informative_beams(scan, no_return=no_return)
         bearings = scan.angle_min_rad + scan.angle_increment_rad * np.flatnonzero(beams)
         hits = first_hits(grid_map, sensor, bearings, scan.range_max_m, prior=prior, depth=depth)
+        log_density = density_within(judge, scan.range_max_m)
         parts.append(_log_likelihood(hits, scan.ranges_m[beams].astype(np.float64), log_density))
     return np.concatenate(parts)
 
 
 def log_likelihood_of_samples(
-    samples: Sequence[GridMap],
+    samples: Iterable[GridMap],
     placed: Sequence[tuple[Scan, Pose2D]],
-    log_density: LogDensity,
+    judge: LogDensity | ForwardModel,
     *,
+    prior: float = 0.0,
     no_return: str = 'clear',
-    depth: float = 0.5,
+    depth: float | None = None,
 ) -> Float64Array:
     """Log-likelihood (N,) of every beam under the mixture of S map samples of 0 and 1, nats.
 
     log (1 / S) sum over samples of p(z | sample): unlike the posterior mean, samples keep what
-    neighbouring cells know of each other. Cells outside of a sample are free.
+    neighbouring cells know of each other. Cells outside of a sample, or unknown in it, are
+    occupied with probability `prior`, independently of all others.
     """
-    if not samples:
-        raise GridError('samples: expected at least one map')
-    total = np.empty(0)
-    for index, sample in enumerate(samples):
+    total, count = np.empty(0), 0
+    for count, sample in enumerate(samples, 1):
         one = beam_log_likelihood(
-            sample, placed, log_density, prior=0.0, no_return=no_return, depth=depth
+            sample, placed, judge, prior=prior, no_return=no_return, depth=depth
         )
-        total = one if index == 0 else np.logaddexp(total, one)
-    return np.asarray(total - np.log(len(samples)), np.float64)
+        total = one if count == 1 else np.logaddexp(total, one)
+    if count == 0:
+        raise GridError('samples: expected at least one map')
+    return np.asarray(total - np.log(count), np.float64)
 
 
 def _log_likelihood(hits: FirstHits, z_m: Float64Array, log_density: LogDensity) -> Float64Array:

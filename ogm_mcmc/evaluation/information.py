@@ -12,9 +12,10 @@ import numpy as np
 
 from ogm_mcmc.arrays import AnyArray, Float64Array
 from ogm_mcmc.errors import require
-from ogm_mcmc.evaluation.beam_likelihood import LogDensity
+from ogm_mcmc.evaluation.beam_likelihood import LogDensity, density_within
 from ogm_mcmc.evaluation.first_hits import first_hits
 from ogm_mcmc.geometry import GridMap, Pose2D
+from ogm_mcmc.sensors.forward_model import ForwardModel
 
 __all__ = ['expected_information_gain']
 
@@ -24,17 +25,21 @@ def expected_information_gain(
     sensor: Pose2D,
     bearings_rad: AnyArray,
     reach_m: float,
-    log_density: LogDensity | None = None,
+    judge: LogDensity | ForwardModel | None = None,
     *,
     z_step_m: float | None = None,
     prior: float = 0.5,
-    depth: float = 0.5,
+    depth: float | None = None,
 ) -> Float64Array:
     """Expected information gain (B,) of each beam from a pose, nats.
 
     Without a forward model readings are exact. With one, they are told apart in steps of
     `z_step_m` (a quarter of a cell by default) up to `reach_m`; "no return" is one more reading.
+    `prior` and `depth` as in `beam_log_likelihood`.
     """
+    if depth is None:
+        depth = judge.depth if isinstance(judge, ForwardModel) else 0.5
+    log_density = None if judge is None else density_within(judge, reach_m)
     hits = first_hits(grid_map, sensor, bearings_rad, reach_m, prior=prior, depth=depth)
     step = 0.25 * grid_map.spec.resolution_m if z_step_m is None else z_step_m
     require(step > 0.0, 'z_step_m', step, 'must be positive')

@@ -4,8 +4,9 @@ How to add one: write a module with a function
 
     def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]
 
-and name it in `EXPERIMENTS`. It may write PNG pictures into `folder`, which exists, and returns
-what came out, ready for JSON. These keys are shown on the page and on the terminal if present:
+and name it in `EXPERIMENTS`. It may write PNG pictures into `folder`, which exists, with
+`results.save_picture`, and returns what came out, ready for JSON. These keys are shown on the
+page and on the terminal if present:
 
 ``rows``      a list made by `row`: what was measured, our value beside the published one
 ``pictures``  captions by file name

@@ -18,7 +18,7 @@ import numpy as np
 from ogm_mcmc.arrays import AnyArray, BoolArray
 from ogm_mcmc.config import AdaptiveConfig, MapperConfig, PoseUncertainConfig, flatten
 from ogm_mcmc.evaluation.classification import ThresholdCounts, confusion_counts
-from ogm_mcmc.experiments.results import row
+from ogm_mcmc.experiments.results import row, save_picture
 from ogm_mcmc.experiments.windows import map_in, method_in
 from ogm_mcmc.geometry import CellBox, PoseBelief
 from ogm_mcmc.mapping import AdaptiveMapper, MappingMethod, make_method
@@ -222,14 +222,15 @@ def _replicate(
         )
         if name == 'with unknowns':
             pictures |= _draw(case, stem, method, expected, box, folder)
-    (folder / f'{stem}-roc.png').write_bytes(
+    save_picture(
+        folder / f'{stem}-roc.png',
         curves_png(
             curves,
             'false positive rate',
             'true positive rate',
             x_limits=(0.0, 0.2),
             y_limits=(0.6, 1.005),
-        )
+        ),
     )
     return rows, pictures
 
@@ -272,7 +273,7 @@ def _draw(
         f'{stem}-leaves.png': (Grid(levels, extent, sizes), f'{case}: its leaves'),
     }
     for name, (grid, _) in pictures.items():
-        (folder / name).write_bytes(grids_png([grid], 'x, m', 'y, m', side=400))
+        save_picture(folder / name, grids_png([grid], 'x, m', 'y, m', side=400))
     return {name: caption for name, (_, caption) in pictures.items()}
 
 

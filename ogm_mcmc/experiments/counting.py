@@ -8,22 +8,24 @@ where it passes, goes to 1 as n grows: each step of five beams adds log(11/9) on
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ogm_mcmc.arrays import Float64Array
+from ogm_mcmc.arrays import BoolArray, Float64Array
 from ogm_mcmc.config import MapperConfig, StepModelConfig
-from ogm_mcmc.experiments.results import row
+from ogm_mcmc.experiments.results import row, save_picture
 from ogm_mcmc.geometry import CellBox, Pose2D, PoseBelief, Scan
-from ogm_mcmc.mapping import make_method
+from ogm_mcmc.mapping import CountingMapper, TwoAssumptionMapper
 from ogm_mcmc.plotting import Series, curves_png
 
 __all__ = ['run']
 
 REFLECTED, P_END, P_PASS = 0.6, 0.55, 0.45
 CELL_M, RANGE_M = 1.0, 3.0
+HERE, CELL = PoseBelief(Pose2D(0.5, 0.5)), CellBox(1, 0, 2, 1)
 
 
 def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
@@ -35,9 +37,10 @@ def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
                            for _ in range(beams // 5)])  # fmt: skip
     occupancy = occupancy_after_each_beam(ends)
     counts = np.arange(1, beams + 1)
-    reflection = np.cumsum(ends) / counts
+    reflection = reflection_after_each_beam(ends)
     expected = 1.0 / (1.0 + math.exp(-(beams / 5) * math.log(11.0 / 9.0)))
-    (folder / 'counting.png').write_bytes(
+    save_picture(
+        folder / 'counting.png',
         curves_png(
             [
                 Series('counting: hits / (hits + misses)', counts, reflection),
@@ -48,7 +51,7 @@ def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
             'value of the cell',
             y_limits=(0.0, 1.02),
             log_x=True,
-        )
+        ),
     )
     to_99 = int(counts[occupancy >= 0.99][0])
     return {
@@ -70,23 +73,40 @@ def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def occupancy_after_each_beam(ends: Float64Array) -> Float64Array:
+def occupancy_after_each_beam(ends: BoolArray) -> Float64Array:
     """Return the probability of the cell after each beam, by the live mapper itself."""
     step = StepModelConfig(
         l_free=math.log(P_PASS / (1.0 - P_PASS)), l_occ=math.log(P_END / (1.0 - P_END))
     )
-    method = make_method(MapperConfig(fusion='per_beam', resolution=CELL_M, step=step))
-    here = PoseBelief(Pose2D(0.5, 0.5))
-    cell = CellBox(1, 0, 2, 1)
+    method = TwoAssumptionMapper(MapperConfig(fusion='per_beam', resolution=CELL_M, step=step))
     values = np.empty(ends.size)
-    for index, reflected in enumerate(ends):
-        scan = Scan.checked(
+    for index, scan in enumerate(_beams(ends)):
+        method.update(scan, HERE)
+        values[index] = method.probabilities(CELL)[0, 0]
+    return values
+
+
+def reflection_after_each_beam(ends: BoolArray) -> Float64Array:
+    """Return hits / (hits + misses) of the cell after each beam, as the counting mapper counts.
+
+    Its `reflection` is this number in single precision.
+    """
+    method = CountingMapper(MapperConfig(method='counting', fusion='per_beam', resolution=CELL_M))
+    values = np.empty(ends.size)
+    for index, scan in enumerate(_beams(ends)):
+        method.update(scan, HERE)
+        hits, misses = (int(count[0, 0]) for count in method.counts(CELL))
+        values[index] = hits / (hits + misses)
+    return values
+
+
+def _beams(ends: BoolArray) -> Iterator[Scan]:
+    """Yield a scan of one beam for each: it ends in the cell, or in the one behind."""
+    for reflected in ends:
+        yield Scan.checked(
             np.array([1.0 if reflected else 2.0]),
             angle_min_rad=0.0,
             angle_increment_rad=0.0,
             range_min_m=0.0,
             range_max_m=RANGE_M,
         )
-        method.update(scan, here)
-        values[index] = method.probabilities(cell)[0, 0]
-    return values

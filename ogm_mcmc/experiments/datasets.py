@@ -1,30 +1,41 @@
 """Many independent data sets: all cores, resumed when interrupted.
 
-Every finished data set leaves one JSON file with what it was made with. A later run computes
-only those that are missing or were made with anything else. Workers are processes started
-afresh (spawn): no state is inherited, so a data set gives the same result alone or among many.
+Every finished data set leaves one JSON file, named after it and after everything it was made
+with. A later run computes only those that are missing: one with another seed, another size or
+another version finds nothing of its own and leaves what is there alone. Workers are processes
+started afresh (spawn): no state is inherited, so a data set gives the same result alone or among
+many.
+Ctrl-C, SIGTERM and errors end them at once (see `ogm_mcmc.experiments.worker_pool`).
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
-import multiprocessing
 import os
-import signal
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from tqdm import tqdm
 
+from ogm_mcmc import __version__
 from ogm_mcmc.errors import ConfigError, OgmError
+from ogm_mcmc.experiments.worker_pool import signals_later, worker_pool
 from ogm_mcmc.io.map_files import replacing, writable_folder
 
-__all__ = ['WORKERS_VARIABLE', 'ExperimentError', 'run_all', 'using_executor', 'worker_count']
+__all__ = [
+    'WORKERS_VARIABLE',
+    'ExperimentError',
+    'digest_of',
+    'run_all',
+    'using_executor',
+    'worker_count',
+]
 
 WORKERS_VARIABLE = 'OGM_MCMC_WORKERS'
 
@@ -64,13 +75,16 @@ def run_all(
     datasets: Mapping[str, Mapping[str, Any]],
     *,
     title: str = 'data sets',
+    depends_on: Mapping[str, Any] | None = None,
     workers: int | None = None,
     executor: Executor | None = None,
 ) -> dict[str, dict[str, Any]]:
     """Call `work(**arguments)` for every data set; return the results by name.
 
     `work` is a function of a module, its arguments and results are fit for JSON. Finished ones
-    are kept in `folder`. Raises ExperimentError when a process dies; what is finished stays.
+    are kept in `folder`. `depends_on`: what the results depend on beside arguments and version of
+    the package, constants and files that `work` reads. Raises ExperimentError when a process
+    dies; what is finished stays.
     `executor`, or that of `using_executor`, takes the place of local processes: anything with the
     interface of concurrent.futures, a cluster's as well.
     """
@@ -78,8 +92,12 @@ def run_all(
     executor = executor or _executor.get()
     results: dict[str, dict[str, Any]] = {}
     missing: dict[str, Mapping[str, Any]] = {}
+    parts = {
+        name: _Part.of(folder, name, work, arguments, depends_on or {})
+        for name, arguments in datasets.items()
+    }
     for name, arguments in datasets.items():
-        held = _held(folder / f'{name}.json', work, arguments)
+        held = parts[name].held()
         if held is None:
             missing[name] = arguments
         else:
@@ -90,7 +108,8 @@ def run_all(
     ) as bar:
 
         def keep(name: str, result: dict[str, Any]) -> None:
-            _keep(folder / f'{name}.json', work, datasets[name], result)
+            with signals_later():
+                parts[name].keep(result)
             results[name] = result
             bar.update()
 
@@ -110,18 +129,14 @@ def _in_processes(
     count: int,
     keep: Callable[[str, dict[str, Any]], None],
 ) -> None:
-    context = multiprocessing.get_context('spawn')
-    pool = ProcessPoolExecutor(count, mp_context=context, initializer=_leave_ctrl_c_to_the_parent)
     try:
-        _submitted(pool, work, missing, keep)
+        with worker_pool(count) as pool:
+            _submitted(pool, work, missing, keep)
     except BrokenProcessPool as error:
         raise ExperimentError(
             'a worker process died (out of memory?): expected it to finish; '
             f'start again to go on, with fewer workers by {WORKERS_VARIABLE}'
         ) from error
-    finally:
-        # What has not begun is not begun any more; what runs is waited for.
-        pool.shutdown(cancel_futures=True)
 
 
 def _submitted(
@@ -144,29 +159,51 @@ def _submitted(
             future.cancel()
 
 
-def _leave_ctrl_c_to_the_parent() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+def digest_of(*contents: bytes) -> str:
+    """Return what tells contents apart, for `depends_on`."""
+    whole = hashlib.sha256()
+    for content in contents:
+        whole.update(content)
+    return whole.hexdigest()[:16]
 
 
-def _made_with(work: Work, arguments: Mapping[str, Any]) -> dict[str, Any]:
-    made: dict[str, Any] = json.loads(
-        json.dumps({'work': f'{work.__module__}.{work.__qualname__}', 'arguments': arguments})
-    )
-    return made
+class _Part(NamedTuple):
+    """The file of a data set, and what it has to be made with."""
 
+    path: Path
+    made_with: dict[str, Any]
 
-def _held(path: Path, work: Work, arguments: Mapping[str, Any]) -> dict[str, Any] | None:
-    """Return the result in a file if it was made with the same; anything else is made anew."""
-    try:
-        content = json.loads(path.read_text(encoding='utf-8'))
-        same = content['made_with'] == _made_with(work, arguments)
-        result: dict[str, Any] | None = content['result'] if same else None
-    except (OSError, ValueError, KeyError, TypeError):
-        return None
-    return result
+    @classmethod
+    def of(
+        cls,
+        folder: Path,
+        name: str,
+        work: Work,
+        arguments: Mapping[str, Any],
+        depends_on: Mapping[str, Any],
+    ) -> _Part:
+        text = json.dumps(
+            {
+                'work': f'{work.__module__}.{work.__qualname__}',
+                'version': __version__,
+                'arguments': arguments,
+                'depends_on': depends_on,
+            },
+            sort_keys=True,
+        )
+        digest = hashlib.sha256(text.encode()).hexdigest()[:10]
+        return cls(folder / f'{name}_{digest}.json', json.loads(text))
 
+    def held(self) -> dict[str, Any] | None:
+        """Return the result in the file if it is whole; anything else is made anew."""
+        try:
+            content = json.loads(self.path.read_text(encoding='utf-8'))
+            same, result = content['made_with'] == self.made_with, content['result']
+        except (OSError, ValueError, KeyError, TypeError):
+            return None
+        return result if same and isinstance(result, dict) and result else None
 
-def _keep(path: Path, work: Work, arguments: Mapping[str, Any], result: dict[str, Any]) -> None:
-    content = {'made_with': _made_with(work, arguments), 'result': result}
-    with replacing(path) as temporary:
-        temporary.write_text(json.dumps(content) + '\n', encoding='utf-8')
+    def keep(self, result: dict[str, Any]) -> None:
+        content = {'made_with': self.made_with, 'result': result}
+        with replacing(self.path) as temporary:
+            temporary.write_text(json.dumps(content) + '\n', encoding='utf-8')

@@ -29,7 +29,7 @@ from ogm_mcmc.experiments.gibbs_line import (
     measured_line,
     traditional_map,
 )
-from ogm_mcmc.experiments.results import row
+from ogm_mcmc.experiments.results import row, save_picture
 from ogm_mcmc.plotting import Series, curves_png
 
 __all__ = ['run', 'sweeps_to_forget']
@@ -197,7 +197,8 @@ def _draw_map(
 ) -> None:
     cells = np.arange(full.size)
     truth = np.where(cells < FIRST, 0.0, np.where(cells == FIRST, 1.0, np.nan))
-    (folder / 'fig2.png').write_bytes(
+    save_picture(
+        folder / 'fig2.png',
         curves_png(
             [
                 Series('truth', cells, truth, 'k:'),
@@ -208,13 +209,14 @@ def _draw_map(
             'cell k',
             'p(occupied)',
             y_limits=(-0.02, 1.02),
-        )
+        ),
     )
 
 
 def _draw_divergence(folder: Path, at: AnyArray, falling: Float64Array) -> None:
     low, median, high = np.quantile(falling, (0.1, 0.5, 0.9), axis=0)
-    (folder / 'fig3.png').write_bytes(
+    save_picture(
+        folder / 'fig3.png',
         curves_png(
             [
                 Series('median', at, median, 'b-'),
@@ -225,5 +227,5 @@ def _draw_divergence(folder: Path, at: AnyArray, falling: Float64Array) -> None:
             'DKL(full || sampled), nats',
             log_x=True,
             log_y=True,
-        )
+        ),
     )

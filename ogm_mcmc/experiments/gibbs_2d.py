@@ -32,7 +32,7 @@ from ogm_mcmc.experiments.chains import (
 from ogm_mcmc.experiments.datasets import run_all
 from ogm_mcmc.experiments.gibbs_figures import Maps, convergence_png, figure_5, sample_png
 from ogm_mcmc.experiments.hundred_sets import SimulatedSet, set_names, simulated_set
-from ogm_mcmc.experiments.results import row
+from ogm_mcmc.experiments.results import row, save_picture
 from ogm_mcmc.experiments.windows import map_in
 from ogm_mcmc.geometry import GridMap
 from ogm_mcmc.sampling import CellModel, GibbsState, PosteriorSampler, RayWindow
@@ -68,6 +68,12 @@ def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
         score,
         {name: {'building': b, 'run': r, **settings} for name, (b, r) in names.items()},
         title='gibbs-2d',
+        depends_on={
+            'priors': [PRIOR, UNINFORMED],
+            'sweeps': SWEEPS,
+            'samples': SAMPLES,
+            'floor': FLOOR,
+        },
     )
     every = list(results.values())
     return {
@@ -222,14 +228,14 @@ def _pictures(folder: Path, seed: int) -> dict[str, str]:
             if prior == PRIOR and sweep in SHOWN_SWEEPS:
                 name = f'sample_{sweep}.png'
                 sample = _on_world(state, window, data)
-                (folder / name).write_bytes(sample_png(sample, data.world.spec))
+                save_picture(folder / name, sample_png(sample, data.world.spec))
                 captions[name] = f'Sample {sweep} from a random map (Fig. 4); bluish: no ray came'
         traces[prior] = np.array(trace)
         if prior == PRIOR:
             sampler = PosteriorSampler(_model(window, prior), [state.cells], seed=seed, burn_in=0)
             sampler.advance(SAMPLES)
     over = {prior: burn_in(trace) for prior, trace in traces.items()}
-    (folder / 'convergence.png').write_bytes(convergence_png(traces, over))
+    save_picture(folder / 'convergence.png', convergence_png(traces, over))
     captions['convergence.png'] = 'Log posterior of chains from a random map; dotted: burn-in'
     live = traditional_map(data, PRIOR).probability
     sampled = posterior_map(sampler, window.spec, data.world.spec).probability
@@ -237,7 +243,7 @@ def _pictures(folder: Path, seed: int) -> dict[str, str]:
         data, Maps(true_map(data), live, np.nan_to_num(sampled, nan=PRIOR)), PRIOR, FLOOR
     )
     for name, (png, caption) in panels.items():
-        (folder / name).write_bytes(png)
+        save_picture(folder / name, png)
         captions[name] = caption
     return captions
 

@@ -6,7 +6,6 @@ scans every so many-th beam (Table III). What an experiment does not take is hel
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -25,6 +24,7 @@ from ogm_mcmc.mapping import make_method
 
 __all__ = [
     'CELL_PRIOR',
+    'NEAR_CELLS',
     'THRESHOLD',
     'Benchmark',
     'HardwareSet',
@@ -36,7 +36,6 @@ __all__ = [
     'split',
     'traditional_map',
     'window_box',
-    'without_beams_that_leave',
 ]
 
 # p(occupied) of the patches of [patch], and where it thresholds its benchmark and its start.
@@ -181,19 +180,3 @@ def benchmark_of(scans: Placed, box: CellBox, resolution_m: float) -> Benchmark:
         float(mapped.mean()),
         float(counted.mean()),
     )
-
-
-def without_beams_that_leave(scans: Placed, box: CellBox, resolution_m: float) -> Placed:
-    """Return the scans with those readings made invalid that do not end inside of a box."""
-    kept = []
-    for scan, pose in scans:
-        heading = pose.yaw_rad + scan.angle_min_rad
-        angles = heading + scan.angle_increment_rad * np.arange(scan.ranges_m.size)
-        reading = np.where(np.isfinite(scan.ranges_m), scan.ranges_m, math.inf)
-        with np.errstate(invalid='ignore'):
-            x = (pose.x_m + reading * np.cos(angles)) / resolution_m
-            y = (pose.y_m + reading * np.sin(angles)) / resolution_m
-        inside = (box.column0 <= x) & (x < box.column1) & (box.row0 <= y) & (y < box.row1)
-        ranges = np.where(inside, scan.ranges_m, np.float32(np.nan)).astype(scan.ranges_m.dtype)
-        kept.append((replace(scan, ranges_m=ranges), pose))
-    return kept

@@ -9,23 +9,25 @@ at all.
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ogm_mcmc.arrays import AnyArray, BoolArray, Float64Array
-from ogm_mcmc.config import ForwardModelConfig
+from ogm_mcmc.arrays import BoolArray
+from ogm_mcmc.config import ForwardModelConfig, flatten
 from ogm_mcmc.evaluation import (
     beam_log_likelihood,
     confusion_counts,
     log_likelihood_of_samples,
+    ratio_of_sums,
+    without_beams_that_leave,
 )
 from ogm_mcmc.experiments.benchmark_picture import benchmark_with_rays
-from ogm_mcmc.experiments.datasets import run_all
+from ogm_mcmc.experiments.datasets import digest_of, run_all
 from ogm_mcmc.experiments.hardware_sets import (
     CELL_PRIOR,
+    NEAR_CELLS,
     THRESHOLD,
     Benchmark,
     HardwareSet,
@@ -35,7 +37,6 @@ from ogm_mcmc.experiments.hardware_sets import (
     split,
     traditional_map,
     window_box,
-    without_beams_that_leave,
 )
 from ogm_mcmc.experiments.intel import INTEL
 from ogm_mcmc.experiments.map_samples import METHODS as POSTERIORS
@@ -47,11 +48,11 @@ from ogm_mcmc.experiments.patch_hardware_page import (
     page_of,
     part_name,
 )
-from ogm_mcmc.experiments.results import row
+from ogm_mcmc.experiments.results import picture_text, row, save_part_pictures, save_picture
 from ogm_mcmc.experiments.stata import STATA
 from ogm_mcmc.experiments.unseen_space import STARTS, unseen
 from ogm_mcmc.geometry import GridMap
-from ogm_mcmc.io.map_files import writable_folder
+from ogm_mcmc.io.prior_files import default_prior_file
 from ogm_mcmc.plotting import probability_png
 from ogm_mcmc.sensors.forward_model import ForwardModel
 
@@ -81,7 +82,6 @@ def run_intel(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
         {
             f'unseen_{start}': {
                 'data': str(data_folder(INTEL)),
-                'pictures': str(folder / 'maps'),
                 'resolution': 0.05,
                 'number': INTEL.sparsest,
                 'start': start,
@@ -91,7 +91,9 @@ def run_intel(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
             for start in STARTS
         },
         title='unseen space',
+        depends_on=depends_on(INTEL.scans(data_folder(INTEL))),
     )
+    starts = save_part_pictures(folder / 'maps', starts)
     for start, one in starts.items():
         result['pictures'][f'maps/{start}.png'] = (
             f'Experiment 3, cells of 5 cm, four chains, {start.removeprefix("unseen_")} start; '
@@ -118,12 +120,11 @@ def _run(of: HardwareSet, folder: Path, *, quick: bool, seed: int) -> dict[str, 
     """Sample and score everything."""
     data = data_folder(of)
     sweeps = QUICK_SWEEPS if quick else SWEEPS
-    pictures = writable_folder(folder / 'maps')
     jobs: dict[str, dict[str, Any]] = {}
     scans = of.scans(data)
     for resolution in (of.quick_resolution_m,) if quick else of.resolutions_m:
-        (folder / benchmark_name(resolution)).write_bytes(
-            benchmark_with_rays(of, scans, resolution)
+        save_picture(
+            folder / benchmark_name(resolution), benchmark_with_rays(of, scans, resolution)
         )
         gaussian = not quick and resolution == of.resolutions_m[0]
         for number in of.pose_strides:
@@ -132,7 +133,6 @@ def _run(of: HardwareSet, folder: Path, *, quick: bool, seed: int) -> dict[str, 
                     jobs[part_name(kind, resolution, number, method)] = {
                         'of': of.name,
                         'data': str(data),
-                        'pictures': str(pictures),
                         'resolution': resolution,
                         'number': number,
                         'method': method,
@@ -144,16 +144,31 @@ def _run(of: HardwareSet, folder: Path, *, quick: bool, seed: int) -> dict[str, 
     # The longest first, so that no core is left alone at the end.
     order = sorted(jobs, key=lambda name: 'patch9' not in name)
     found = run_all(
-        folder / 'parts', score, {name: jobs[name] for name in order}, title=f'patch-{of.name}'
+        folder / 'parts',
+        score,
+        {name: jobs[name] for name in order},
+        title=f'patch-{of.name}',
+        depends_on=depends_on(scans),
     )
+    found = save_part_pictures(folder / 'maps', found)
     judge = f'{JUDGE.kind}, sigma {JUDGE.sigma} m, clutter {JUDGE.clutter}'
     return page_of(of, folder, {name: found[name] for name in jobs}, judge, sweeps)
+
+
+def depends_on(scans: Placed) -> dict[str, Any]:
+    """Return what maps and scores depend on beside the arguments of `score`."""
+    return {
+        'recording': digest_of(*(scan.ranges_m.tobytes() for scan, _ in scans)),
+        'prior': digest_of(default_prior_file().read_bytes()),
+        'judge': flatten(JUDGE),
+        'mixture': [KEPT, MIXTURE_STRIDE],
+        'benchmark': [CELL_PRIOR, THRESHOLD, NEAR_CELLS],
+    }
 
 
 def score(
     of: str,
     data: str,
-    pictures: str,
     resolution: float,
     number: int,
     method: str,
@@ -187,10 +202,9 @@ def score(
         )
         sampled = sample_map(config, part.used, box, traditional, sweeps=sweeps[1], kept=KEPT)
         found = sampled.mean
-    held_out = without_beams_that_leave(part.held_out, box, resolution)
-    name = part_name(kind, resolution, number, method)
-    (Path(pictures) / f'{name}.png').write_bytes(probability_png(found.probability))
+    held_out = without_beams_that_leave(part.held_out, found.spec)
     return {
+        'picture': picture_text(probability_png(found.probability)),
         **_sizes(part.used),
         **{f'benchmark_{what}': count for what, count in _sizes(scans).items()},
         'window_corner_m': [box.column0 * resolution, box.row0 * resolution],
@@ -243,31 +257,19 @@ def _predicting(
     """
     stride = max(1, len(held_out) // count)
     model = ForwardModel.from_config(JUDGE)
-    reach_m = held_out[0][0].range_max_m
-
-    def log_density(z_m: Float64Array, f_m: Float64Array) -> Float64Array:
-        return model.log_density(z_m, f_m, reach_m)
-
     sums, beams = [], []
     for placed in held_out[::stride]:
-        one = beam_log_likelihood(
-            found, [placed], log_density, prior=CELL_PRIOR, no_return='ignore'
-        )
+        one = beam_log_likelihood(found, [placed], model, prior=CELL_PRIOR, no_return='ignore')
         sums.append(one.sum())
         beams.append(one.size)
+    per_beam = ratio_of_sums(np.array(sums), np.array(beams))
     result: dict[str, Any] = {
-        'heldout_loglik_per_beam': float(np.sum(sums) / np.sum(beams)),
-        'heldout_standard_error': _error_of_ratio(np.array(sums), np.array(beams)),
+        'heldout_loglik_per_beam': per_beam.value,
+        'heldout_standard_error': per_beam.standard_error,
         'heldout_beams': int(np.sum(beams)),
     }
     if sampled is not None:
         few = held_out[:: stride * MIXTURE_STRIDE]
-        mixture = log_likelihood_of_samples(sampled.samples, few, log_density, no_return='ignore')
+        mixture = log_likelihood_of_samples(sampled.samples, few, model, no_return='ignore')
         result['heldout_loglik_of_samples'] = float(mixture.mean())
     return result
-
-
-def _error_of_ratio(sums: AnyArray, counts: AnyArray) -> float:
-    mean = sums.sum() / counts.sum()
-    spread = (sums - mean * counts).std(ddof=1) * math.sqrt(sums.size)
-    return float(spread / counts.sum())

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ogm_mcmc.experiments.hardware_sets import HardwareSet
-from ogm_mcmc.experiments.results import row
+from ogm_mcmc.experiments.results import row, save_picture
 from ogm_mcmc.plotting import Series, curves_png
 
 __all__ = ['METHODS', 'THRESHOLDS', 'benchmark_name', 'page_of', 'part_name']
@@ -195,14 +195,14 @@ def _draw(
             )
             for method in METHODS
         ]
-        (folder / name).write_bytes(curves_png(series, 'experiment', what))
+        save_picture(folder / name, curves_png(series, 'experiment', what))
         captions[name] = f'{what}, cells of {cells} cm (as [patch] {of.figure})'
     name = f'thresholds_{cells}cm.png'
     series = [
         Series(method, THRESHOLDS, np.array(one['f1_curve']), STYLES[method][:-1])
         for method, one in by_number[last].items()
     ]
-    (folder / name).write_bytes(curves_png(series, 'threshold', 'F1', x_limits=(0.0, 1.0)))
+    save_picture(folder / name, curves_png(series, 'threshold', 'F1', x_limits=(0.0, 1.0)))
     captions[name] = f'F1 over the threshold in experiment {last}, cells of {cells} cm'
     captions[benchmark_name(resolution)] = (
         f'The benchmark, cells of {cells} cm, under the first cells of the rays of experiment '

@@ -20,7 +20,7 @@ from ogm_mcmc.experiments.gibbs_line import (
     draw_readings,
     measured_line,
 )
-from ogm_mcmc.experiments.results import row
+from ogm_mcmc.experiments.results import row, save_picture
 from ogm_mcmc.plotting import Grid, Scale, Series, grids_png
 from ogm_mcmc.sampling.estimates import mutual_information_bits, pair_information_bits
 
@@ -46,7 +46,7 @@ def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
     first, second = np.unravel_index(int(others.argmax()), others.shape)
     top = float(others.max())
     for name, values in (('exact.png', exact), ('sampled.png', sampled)):
-        (folder / name).write_bytes(information_png(np.where(apart > 0, values, np.nan), top))
+        save_picture(folder / name, information_png(np.where(apart > 0, values, np.nan), top))
     near, far = float(others[apart == 1].max()), float(others[apart >= FAR].max())
     return {
         'rows': [

@@ -15,6 +15,7 @@ cells. They answer how much knowing the building itself is worth.
 from __future__ import annotations
 
 import time
+from dataclasses import asdict
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -30,7 +31,7 @@ from ogm_mcmc.experiments.chains import (
     sampled_map,
     traditional_map,
 )
-from ogm_mcmc.experiments.datasets import run_all
+from ogm_mcmc.experiments.datasets import digest_of, run_all
 from ogm_mcmc.experiments.hundred_sets import set_names, simulated_set
 from ogm_mcmc.experiments.results import row
 from ogm_mcmc.experiments.scoring import SCORES, counts_of, draw_scores, pooled, summary
@@ -99,6 +100,13 @@ def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
             if method in PUBLISHED or r == 1
         },
         title='patch-sim',
+        depends_on={
+            'plans': PLANS,
+            'table': asdict(CLEAN),
+            'margin': MARGIN,
+            'start_threshold': START_THRESHOLD,
+            'real_maps': digest_of(default_prior_file().read_bytes()),
+        },
     )
     by_method = {
         method: {name: results[key] for name in names if (key := f'{name}_{file}') in results}

@@ -16,7 +16,7 @@ from ogm_mcmc.config import ForwardModelConfig, MapperConfig, PatchConfig, Sampl
 from ogm_mcmc.errors import PriorError
 from ogm_mcmc.evaluation import confusion_counts, near
 from ogm_mcmc.experiments.map_samples import config_of, sample_map
-from ogm_mcmc.experiments.results import row
+from ogm_mcmc.experiments.results import row, save_picture
 from ogm_mcmc.geometry import CellBox, GridMap, GridSpec, Pose2D, PoseBelief, Scan
 from ogm_mcmc.mapping import make_method
 from ogm_mcmc.plotting import Grid, Series, extent_of, grids_png
@@ -121,7 +121,7 @@ def draw_maps(
     for name, (spec, probability) in maps.items():
         file = f'{name.replace(" = ", "").replace(", ", "_").lower()}.png'
         grid = Grid(probability, extent_of(spec), marks=(Series('robot', x, y, 'C0o'),))
-        (folder / file).write_bytes(grids_png([grid], 'x, m', 'y, m'))
+        save_picture(folder / file, grids_png([grid], 'x, m', 'y, m'))
         captions[file] = f'{name} ([patch] Fig. 1)'
     return captions
 

@@ -28,7 +28,7 @@ from ogm_mcmc.evaluation import (
     brier_score,
     confusion_counts,
 )
-from ogm_mcmc.experiments.results import row
+from ogm_mcmc.experiments.results import row, save_picture
 from ogm_mcmc.experiments.windows import map_in
 from ogm_mcmc.geometry import CellBox, GridMap, Pose2D, PoseBelief, PoseSamples, Scan
 from ogm_mcmc.io.carmen import LogScan, read_carmen
@@ -95,8 +95,9 @@ def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
             curves.append(Series(f'{name}, {model}', *curve, f'C{k}{STYLES[model]}'))
         if model == 'step':
             draw(folder, maps, benchmark, mapped)
-    (folder / 'roc.png').write_bytes(
-        curves_png(curves, 'false positive rate', 'true positive rate', x_limits=(0.0, 0.3))
+    save_picture(
+        folder / 'roc.png',
+        curves_png(curves, 'false positive rate', 'true positive rate', x_limits=(0.0, 0.3)),
     )
     spread = [math.sqrt(np.trace(one.particles.covariance()[:2, :2])) for one in believed]
     return {
@@ -242,7 +243,7 @@ def draw(
     }
     spec = benchmark.spec
     whole = [window_of(one, spec.box, title) for title, one in shown.items()]
-    (folder / 'maps.png').write_bytes(grids_png(whole, 'x, m', 'y, m', columns=2))
+    save_picture(folder / 'maps.png', grids_png(whole, 'x, m', 'y, m', columns=2))
     doubtful = max(scans, key=lambda one: float(np.trace(one.particles.covariance()[:2, :2])))
     half = round(0.5 * CLOSE_UP_M / spec.resolution_m)
     column, row_ = spec.cell_of(doubtful.known.x_m, doubtful.known.y_m)
@@ -256,8 +257,8 @@ def draw(
         window_of(one, box, title, known if one is benchmark else believed)
         for title, one in shown.items()
     ]
-    (folder / 'close-up.png').write_bytes(
-        grids_png(tiles, 'x, m', 'y, m', columns=2, side=CLOSE_UP_PIXELS)
+    save_picture(
+        folder / 'close-up.png', grids_png(tiles, 'x, m', 'y, m', columns=2, side=CLOSE_UP_PIXELS)
     )
 
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +30,7 @@ from ogm_mcmc.evaluation import (
 )
 from ogm_mcmc.experiments.datasets import run_all
 from ogm_mcmc.experiments.hundred_sets import set_names
-from ogm_mcmc.experiments.results import row
+from ogm_mcmc.experiments.results import row, save_picture
 from ogm_mcmc.geometry import CellBox, GridMap, Pose2D, PoseBelief, PoseSamples
 from ogm_mcmc.mapping import make_method
 from ogm_mcmc.plotting import Grid, Series, curves_png, extent_of, grids_png
@@ -99,6 +99,12 @@ def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
             for name, (b, r) in names.items()
         },
         title='pose-sim',
+        depends_on={
+            'filters': {which: asdict(of) for which, of in FILTERS.items()},
+            'lidar': [BEAMS, REACH_M, NOISE_M, DROPOUT],
+            'resolution_m': CELL_M,
+            'max_stops': MAX_STOPS,
+        },
     )
     rows, curves = [], []
     for style, which in zip(('-', '--'), FILTERS, strict=True):
@@ -116,11 +122,12 @@ def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
             row(f'{which}: error of the likeliest pose, m', _rms(every, 'error_m'), None, 'rms'),
             row(f'{which}: claimed by the particles, m', _rms(every, 'claimed_m'), None, 'rms'),
         ]
-    (folder / 'roc.png').write_bytes(
+    save_picture(
+        folder / 'roc.png',
         curves_png(
             curves, 'false positive rate', 'true positive rate',
             x_limits=(0.0, 0.3), y_limits=(0.5, 1.005),
-        )
+        ),
     )  # fmt: skip
     figure_rows, pictures = figure_2(folder, seed)
     return {
@@ -316,7 +323,7 @@ def _panels(
     for name, (values, marks, _) in panels.items():
         part = np.nan_to_num(values[world.spec.slices(box)], nan=0.5)
         grid = Grid(part, extent_of(world.spec.windowed(box)), marks=marks)
-        (folder / f'fig2_{name}.png').write_bytes(grids_png([grid], 'x, m', 'y, m'))
+        save_picture(folder / f'fig2_{name}.png', grids_png([grid], 'x, m', 'y, m'))
     return {f'fig2_{name}.png': f'Fig. 2, {caption}' for name, (*_, caption) in panels.items()}
 
 

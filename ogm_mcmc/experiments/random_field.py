@@ -17,7 +17,7 @@ import numpy as np
 
 from ogm_mcmc.arrays import AnyArray, Float64Array
 from ogm_mcmc.config import MapperConfig, RandomFieldConfig, StepModelConfig, flatten
-from ogm_mcmc.experiments.results import row
+from ogm_mcmc.experiments.results import row, save_picture
 from ogm_mcmc.experiments.windows import map_in
 from ogm_mcmc.geometry import CellBox, Pose2D, PoseBelief, Scan
 from ogm_mcmc.mapping.gaussian_field import GaussianField, Prediction, solve_field
@@ -190,7 +190,7 @@ def _rows(seen: Observed, field: Prediction, config: RandomFieldConfig) -> list[
 
 
 def _draw(path: Path, grids: Iterable[Grid]) -> None:
-    path.write_bytes(grids_png(list(grids), 'x, m', 'y, m', columns=2, side=300))
+    save_picture(path, grids_png(list(grids), 'x, m', 'y, m', columns=2, side=300))
 
 
 def _draw_world(path: Path, seen: Observed) -> None:
@@ -202,4 +202,4 @@ def _draw_world(path: Path, seen: Observed) -> None:
     )
     walls = np.nan_to_num(seen.truth)
     world = Grid(walls, EXTENT, WALL, marks=marks)
-    path.write_bytes(grids_png([world], 'x, m', 'y, m'))
+    save_picture(path, grids_png([world], 'x, m', 'y, m'))

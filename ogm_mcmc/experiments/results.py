@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+import base64
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ogm_mcmc.errors import OutputError
+from ogm_mcmc.io.map_files import replacing, writable_folder
 from ogm_mcmc.plotting import Page, Picture
 
-__all__ = ['make_page', 'row', 'table_text']
+__all__ = [
+    'make_page',
+    'picture_text',
+    'row',
+    'save_part_pictures',
+    'save_picture',
+    'table_text',
+]
 
 HEADER = ('what', 'ours', 'published', 'remark')
 
@@ -16,6 +25,34 @@ HEADER = ('what', 'ours', 'published', 'remark')
 def row(what: str, ours: Any, published: Any = None, remark: str = '') -> dict[str, Any]:
     """Return one line of a result table; `published` is None where a paper gives no number."""
     return {'what': what, 'ours': ours, 'published': published, 'remark': remark}
+
+
+def save_picture(path: Path, png: bytes) -> None:
+    """Write a picture, whole or not at all; raises OutputError."""
+    with replacing(path) as temporary:
+        temporary.write_bytes(png)
+
+
+def picture_text(png: bytes) -> str:
+    """Return a picture as part of a result that is fit for JSON: its `picture`."""
+    return base64.b64encode(png).decode('ascii')
+
+
+def save_part_pictures(
+    folder: Path, parts: Mapping[str, Mapping[str, Any]]
+) -> dict[str, dict[str, Any]]:
+    """Write the `picture` of each part as NAME.png; return the parts without.
+
+    Whoever computes a part may have another disk, and what an earlier run left in `folder` may
+    be of other settings, so pictures travel and are kept with their part.
+    """
+    writable_folder(folder)
+    for name, part in parts.items():
+        save_picture(folder / f'{name}.png', base64.b64decode(part['picture']))
+    return {
+        name: {key: value for key, value in part.items() if key != 'picture'}
+        for name, part in parts.items()
+    }
 
 
 def make_page(folder: Path, result: dict[str, Any]) -> Page:
@@ -28,7 +65,7 @@ def make_page(folder: Path, result: dict[str, Any]) -> Page:
     for note in result.get('notes', ()):
         page.text(note)
     pictures = [
-        Picture(_content(folder / name), caption)
+        Picture((folder / name).read_bytes(), caption)
         for name, caption in result.get('pictures', {}).items()
     ]
     if pictures:
@@ -36,17 +73,6 @@ def make_page(folder: Path, result: dict[str, Any]) -> Page:
     page.heading('Settings')
     page.table(('setting', 'value'), list(result.get('settings', {}).items()))
     return page
-
-
-def _content(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        # Finished parts are not computed again, and their pictures not drawn again.
-        raise OutputError(
-            f'{path}: {error.strerror}; expected the picture of an earlier run: remove '
-            f'{path.parent} and what else the experiment left, to do all of it again'
-        ) from error
 
 
 def table_text(result: dict[str, Any]) -> str:

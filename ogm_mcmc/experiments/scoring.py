@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ogm_mcmc.evaluation import ThresholdCounts, aligned, confusion_counts
+from ogm_mcmc.experiments.results import save_picture
 from ogm_mcmc.geometry import GridMap
 from ogm_mcmc.plotting import Series, curves_png
 from ogm_mcmc.simulation import GridWorld
@@ -78,12 +79,14 @@ def summary(counts: ThresholdCounts) -> dict[str, float]:
 def draw_scores(folder: Path, methods: Mapping[str, ThresholdCounts]) -> dict[str, str]:
     """Draw both figures with a curve for each method; return the captions by file name."""
     curves = [Series(name, of.recall(), of.precision()) for name, of in methods.items()]
-    (folder / 'precision_recall.png').write_bytes(
-        curves_png(curves, 'recall', 'precision', x_limits=(0.5, 1.0), y_limits=(0.5, 1.0))
+    save_picture(
+        folder / 'precision_recall.png',
+        curves_png(curves, 'recall', 'precision', x_limits=(0.5, 1.0), y_limits=(0.5, 1.0)),
     )
     over = [Series(name, of.thresholds, of.f1()) for name, of in methods.items()]
-    (folder / 'f1.png').write_bytes(
-        curves_png(over, 'threshold', 'F1', x_limits=(0.0, 1.0), y_limits=(0.0, 1.0))
+    save_picture(
+        folder / 'f1.png',
+        curves_png(over, 'threshold', 'F1', x_limits=(0.0, 1.0), y_limits=(0.0, 1.0)),
     )
     return {
         'precision_recall.png': 'Precision and recall over all data sets (Fig. 5 of [patch])',

@@ -25,6 +25,7 @@ from ogm_mcmc.experiments.hardware_sets import (
 )
 from ogm_mcmc.experiments.intel import INTEL
 from ogm_mcmc.experiments.map_samples import METHODS, config_of, sample_map
+from ogm_mcmc.experiments.results import picture_text
 from ogm_mcmc.plotting import probability_png
 from ogm_mcmc.refinement import hide_uncertain
 
@@ -39,7 +40,6 @@ MARGIN = 0.02
 
 def unseen(
     data: str,
-    pictures: str,
     resolution: float,
     number: int,
     start: str,
@@ -64,11 +64,11 @@ def unseen(
     config = replace(config, chain=replace(config.chain, start=start, chains=CHAINS))
     found = sample_map(config, used, box, live, sweeps=sweeps[1])
     shown = hide_uncertain(found.mean, CELL_PRIOR, MARGIN)
-    (Path(pictures) / f'unseen_{start}.png').write_bytes(probability_png(shown.probability))
     measured = np.isfinite(live.probability)
     unknown = ~np.isfinite(shown.probability)
     beyond = benchmark.counted & ~measured
     return {
+        'picture': picture_text(probability_png(shown.probability)),
         'unknown_of_never_measured': float(unknown[beyond].mean()),
         'unknown_of_measured': float(unknown[measured].mean()),
         'occupied_of_never_measured': float((found.mean.probability[beyond] >= 0.9).mean()),

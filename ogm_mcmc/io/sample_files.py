@@ -9,15 +9,16 @@ them, row-major from the lower left, 1 occupied; `touched` (ceil(H W / 8),) uint
 from __future__ import annotations
 
 import zipfile
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import yaml
 
-from ogm_mcmc.arrays import BoolArray, UInt8Array
+from ogm_mcmc.arrays import BoolArray, Float32Array, UInt8Array
 from ogm_mcmc.errors import MapFileError
-from ogm_mcmc.geometry import GridSpec
+from ogm_mcmc.geometry import GridMap, GridSpec
 from ogm_mcmc.io.map_files import replacing
 
 __all__ = ['MapSamples', 'load_samples', 'save_samples']
@@ -29,6 +30,12 @@ class MapSamples(NamedTuple):
     spec: GridSpec
     maps: UInt8Array
     touched: BoolArray
+
+    def grid_maps(self) -> Iterator[GridMap]:
+        """Yield the maps one by one, nan where no ray came."""
+        for cells in self.maps:
+            probability: Float32Array = np.where(self.touched, cells, np.nan).astype(np.float32)
+            yield GridMap(self.spec, probability)
 
 
 def save_samples(samples: MapSamples, path: Path, thin: int, settings: dict[str, Any]) -> Path:

@@ -1,4 +1,8 @@
-"""Sonar readings with known poses -> rosbag2."""
+"""Sonar readings with known poses -> rosbag2, and where the sonars sit -> parameter file.
+
+A Range message names its sensor's frame but not where that is. Readings of a whole ring go to one
+topic, as the node subscribes to one; the parameter file says where the frames are.
+"""
 
 from __future__ import annotations
 
@@ -6,12 +10,15 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
+import yaml
 
 from ogm_mcmc.geometry import Pose2D, Scan
 from ogm_mcmc.io import ros_types
 from ogm_mcmc.io.bags import BagWriter
+from ogm_mcmc.io.map_files import replacing
+from ogm_mcmc.simulation import SonarRing
 
-__all__ = ['write_sonar_recording']
+__all__ = ['write_sonar_parameters', 'write_sonar_recording']
 
 
 def write_sonar_recording(
@@ -44,3 +51,15 @@ def write_sonar_recording(
             bag.write(topic, ros_types.RANGE, stamp, message)
             count += 1
     return count
+
+
+def write_sonar_parameters(path: Path, ring: SonarRing) -> None:
+    """Write method and mounts as `--params-file` of `map` and of `online_mapper` takes them."""
+    parameters = {'method': 'sonar', 'mount': {'frames': ring.mounts_setting()}}
+    text = yaml.safe_dump({'/**': {'ros__parameters': parameters}}, width=10**6, sort_keys=False)
+    with replacing(path) as temporary:
+        temporary.write_text(
+            f'# A simulated ring of {ring.sonars} sonars: the method for them, and where each\n'
+            f'# sits on the robot (frame_id, x and y in m, yaw in rad).\n{text}',
+            encoding='utf-8',
+        )

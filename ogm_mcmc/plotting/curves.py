@@ -6,15 +6,10 @@ import io
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import numpy as np
-
 from ogm_mcmc.arrays import AnyArray
 from ogm_mcmc.errors import ConfigError
 
 __all__ = ['Series', 'curves_png', 'require_matplotlib']
-
-# More points than a picture has columns only make it slow.
-MAX_POINTS = 2000
 
 
 class Series(NamedTuple):
@@ -47,15 +42,18 @@ def curves_png(
     log_y: bool = False,
     log_x: bool = False,
 ) -> bytes:
-    """Draw curves into one picture of 640 x 480 pixels."""
+    """Draw curves into one picture of 640 x 480 pixels.
+
+    Curves are given whole, a point for every threshold: matplotlib leaves out what lies within a
+    ninth of a pixel of the line without it (three million points of a ROC curve: half a second).
+    """
     require_matplotlib()
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(6.4, 4.8), dpi=100, layout='tight')
     axes = figure.add_subplot()
     for curve in series:
-        x, y = _thinned(curve.x), _thinned(curve.y)
-        axes.plot(x, y, curve.style, label=curve.label, linewidth=1.5)
+        axes.plot(curve.x, curve.y, curve.style, label=curve.label, linewidth=1.5)
     axes.set_xlabel(x_label)
     axes.set_ylabel(y_label)
     axes.set_title(title)
@@ -73,10 +71,3 @@ def curves_png(
     stream = io.BytesIO()
     figure.savefig(stream, format='png')
     return stream.getvalue()
-
-
-def _thinned(values: AnyArray) -> AnyArray:
-    array = np.asarray(values)
-    if array.size <= MAX_POINTS:
-        return array
-    return array[np.unique(np.linspace(0, array.size - 1, MAX_POINTS).astype(np.int64))]

@@ -129,15 +129,22 @@ def split_r_hat(means: Float64Array, length: int) -> Float32Array:
 
 
 def assess(chains: list[BatchCounts]) -> ChainQuality | None:
-    """Judge chains of equal length; None while they are shorter than four full batches.
+    """Judge chains of equal length; None while a batch is one sweep (fewer than 16 sweeps).
 
-    R-hat compares the first and the last half of every chain. The variance of the means of the
-    batches around the mean of all gives the standard error, as batches are long enough to hardly
-    know of each other; ESS is what independent draws would have that error.
+    R-hat compares the first and the last half of every chain. The variance of the mean is the
+    larger of two estimates: from the batches, which is steady but knows nothing of what stays
+    correlated for longer than a batch, and from the half chains, which also sees chains that
+    disagree. ESS is what independent draws would have that variance, at most the draws there are,
+    and all of them for a cell that never flipped.
+
+    The standard error is that of ESS draws with two more of either kind (Agresti and Coull 1998),
+    mcse^2 = q (1 - q) / ess with q = (ess mean + 2) / (ess + 4): a cell that never flipped has
+    sqrt(2) / draws, as nothing is known of how often it would. How far to trust it: see the
+    design note of `ogm_mcmc.sampling`.
     """
     first = chains[0]
     n_batches, length = first.full, first.batch_length
-    if n_batches < 4:
+    if length == 1:
         return None
     half = n_batches // 2
     n_cells = first.counts.shape[1]
@@ -154,23 +161,22 @@ def assess(chains: list[BatchCounts]) -> ChainQuality | None:
     halves /= half * length
     n_means = n_batches * len(chains)
     mean = total / n_means
-    variance = np.maximum(squares - n_means * mean * mean, 0.0) / (n_means - 1)
+    # Variance of the mean of all: that of one batch, or half chain, by how many there are.
+    variance = np.maximum(squares - n_means * mean * mean, 0.0) / (n_means - 1) / n_means
+    variance = np.maximum(variance, halves.var(axis=0, ddof=1) / len(halves))
     draws = n_means * length
     with np.errstate(divide='ignore', invalid='ignore'):
-        ess = mean * (1.0 - mean) / (variance / n_means)
+        ess = mean * (1.0 - mean) / variance
     ess = np.clip(np.nan_to_num(ess, nan=draws, posinf=draws), 1.0, draws)
+    likely = (ess * mean + 2.0) / (ess + 4.0)
     return ChainQuality(
-        split_r_hat(halves, half * length) if half * length > 1 else _unknown(n_cells),
+        split_r_hat(halves, half * length),
         ess.astype(np.float32),
-        np.sqrt(variance / n_means).astype(np.float32),
+        np.sqrt(likely * (1.0 - likely) / ess).astype(np.float32),
         mean.astype(np.float32),
         draws,
         len(chains),
     )
-
-
-def _unknown(n_cells: int) -> Float32Array:
-    return np.full(n_cells, np.inf, np.float32)
 
 
 def _quantile(values: Float32Array, share: float) -> float:

@@ -1,4 +1,4 @@
-"""Simulated buildings, a lidar in them, and a robot: real input for free, and the truth with it.
+"""Simulated buildings, a robot with a lidar or sonars: real input for free, and the truth with it.
 
 Two kinds of worlds. A `Building` has walls that are line segments, so that a range is exact
 whatever the grid; nothing in it knows cells, and the robot walks along given points. A
@@ -6,7 +6,8 @@ whatever the grid; nothing in it knows cells, and the robot walks along given po
 (`generate_floor`), or any map. There the robot explores until everything is covered and scans
 when it stands ([gibbs] section IV-B), at poses that are known, or only believed:
 `record_localized` gives it odometry and a particle filter ([pose] section V). What a beam
-measures in a grid is decided in `grid_world`.
+measures in a grid is decided in `grid_world`. In place of the lidar the robot may carry a ring of
+sonars (`SonarRing`), each of which hears the nearest wall in its cone.
 """
 
 from ogm_mcmc.simulation.exploration import Exploration, Stop, explore
@@ -20,7 +21,13 @@ from ogm_mcmc.simulation.localization import (
     record_localized,
 )
 from ogm_mcmc.simulation.odometry import Motion, OdometryNoise, motion_between
-from ogm_mcmc.simulation.recording import SimulatedScan, record, record_exploration
+from ogm_mcmc.simulation.recording import (
+    SimulatedScan,
+    record,
+    record_exploration,
+    record_exploration_with_sonars,
+    record_with_sonars,
+)
 from ogm_mcmc.simulation.sonar import SonarReading, SonarRing
 from ogm_mcmc.simulation.trajectories import walk
 from ogm_mcmc.simulation.worlds import WORLDS, Building, rasterised
@@ -47,7 +54,9 @@ __all__ = [
     'rasterised',
     'record',
     'record_exploration',
+    'record_exploration_with_sonars',
     'record_localized',
+    'record_with_sonars',
     'true_ranges',
     'walk',
 ]

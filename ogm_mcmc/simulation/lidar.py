@@ -11,7 +11,7 @@ from ogm_mcmc.arrays import Float32Array, Float64Array
 from ogm_mcmc.errors import require
 from ogm_mcmc.geometry import Pose2D, Scan
 
-__all__ = ['Lidar', 'true_ranges']
+__all__ = ['Lidar', 'check_errors', 'observed', 'true_ranges']
 
 
 def true_ranges(walls: Float64Array, pose: Pose2D, bearings_rad: Float64Array) -> Float64Array:
@@ -30,6 +30,38 @@ def true_ranges(walls: Float64Array, pose: Pose2D, bearings_rad: Float64Array) -
     met = (across != 0.0) & (distance > 0.0) & (along >= 0.0) & (along <= 1.0)
     ranges: Float64Array = np.where(met, distance, np.inf).min(axis=1)
     return ranges
+
+
+def observed(
+    exact_m: Float64Array,
+    rng: np.random.Generator,
+    *,
+    limits_m: tuple[float, float],
+    noise_m: float,
+    dropout: float,
+    clutter: float,
+) -> Float32Array:
+    """Turn exact ranges (B,) into measured ones, as REP 117 has them.
+
+    inf: nothing there; -inf: too near to measure; nan: return lost. `limits_m` are range_min and
+    range_max, `clutter` and `dropout` shares of the readings.
+    """
+    nearest, furthest = limits_m
+    ranges = exact_m + noise_m * rng.standard_normal(exact_m.size)
+    ranges[ranges > furthest] = np.inf
+    ranges[ranges < nearest] = -np.inf
+    if clutter > 0.0:
+        anything = rng.random(ranges.size) < clutter
+        ranges[anything] = rng.uniform(nearest, furthest, anything.sum())
+    ranges[rng.random(ranges.size) < dropout] = np.nan
+    return ranges.astype(np.float32)
+
+
+def check_errors(noise_m: float, dropout: float, clutter: float) -> None:
+    """Refuse what `observed` cannot do. Raises ConfigError."""
+    require(0.0 <= noise_m < math.inf, 'noise', noise_m, 'expected 0 or more')
+    require(0.0 <= dropout < 1.0, 'dropout', dropout, 'must be in [0, 1)')
+    require(0.0 <= clutter < 1.0, 'clutter', clutter, 'must be in [0, 1)')
 
 
 @dataclass(frozen=True)
@@ -54,9 +86,7 @@ class Lidar:
         require(0 < self.beams <= 100_000, 'beams', self.beams, 'expected 1 to 100000')
         valid = 0.0 <= self.range_min_m < self.range_max_m < math.inf
         require(valid, 'range_max', self.range_max_m, 'must be above range_min, and finite')
-        require(0.0 <= self.noise_m < math.inf, 'noise', self.noise_m, 'expected 0 or more')
-        require(0.0 <= self.dropout < 1.0, 'dropout', self.dropout, 'must be in [0, 1)')
-        require(0.0 <= self.clutter < 1.0, 'clutter', self.clutter, 'must be in [0, 1)')
+        check_errors(self.noise_m, self.dropout, self.clutter)
         view = self.field_of_view_rad
         require(0.0 < view <= 2.0 * math.pi, 'field_of_view', view, 'expected up to 2 pi')
 
@@ -84,18 +114,15 @@ class Lidar:
         return self.observe(true_ranges(walls, pose, self.bearings()), rng)
 
     def observe(self, exact_m: Float64Array, rng: np.random.Generator) -> Float32Array:
-        """Turn exact ranges (B,) into measured ones, as REP 117 has them.
-
-        inf: nothing there; -inf: too near to measure; nan: return lost.
-        """
-        ranges = exact_m + self.noise_m * rng.standard_normal(exact_m.size)
-        ranges[ranges > self.range_max_m] = np.inf
-        ranges[ranges < self.range_min_m] = -np.inf
-        if self.clutter > 0.0:
-            anything = rng.random(ranges.size) < self.clutter
-            ranges[anything] = rng.uniform(self.range_min_m, self.range_max_m, anything.sum())
-        ranges[rng.random(ranges.size) < self.dropout] = np.nan
-        return ranges.astype(np.float32)
+        """Turn exact ranges (B,) into measured ones, see `observed`."""
+        return observed(
+            exact_m,
+            rng,
+            limits_m=(self.range_min_m, self.range_max_m),
+            noise_m=self.noise_m,
+            dropout=self.dropout,
+            clutter=self.clutter,
+        )
 
     def scan(self, ranges_m: Float32Array, stamp_ns: int, frame_id: str = 'laser') -> Scan:
         """Return measured ranges as a scan."""

@@ -14,7 +14,6 @@ from ogm_mcmc.experiments.hardware_sets import (
     split,
     traditional_map,
     window_box,
-    without_beams_that_leave,
 )
 from ogm_mcmc.experiments.intel import INTEL, as_scan
 from ogm_mcmc.experiments.patch_hardware import score
@@ -64,15 +63,6 @@ def test_splitting_leaves_the_recording_alone():
 def test_codes_of_the_laser_are_no_readings():
     scan = as_scan(logged(1.0, 81.83, 81.91, 79.0))
     assert scan.ranges_m.tolist() == [1.0, math.inf, math.inf, 79.0]
-
-
-def test_beams_that_leave_the_window_do_not_count():
-    box = CellBox(0, 0, 10, 4)
-    scan = fan(0.3, 0.8, math.inf)
-    (kept, pose), *_ = without_beams_that_leave([(scan, Pose2D(0.35, 0.25))], box, 0.1)
-    assert pose == Pose2D(0.35, 0.25)
-    assert kept.ranges_m[0] == pytest.approx(0.3)
-    assert np.isnan(kept.ranges_m[1:]).all()
 
 
 @pytest.mark.parametrize('of', [INTEL, STATA], ids=['intel', 'stata'])
@@ -131,9 +121,9 @@ def test_mapped_share_is_that_of_table_iii(data_folder):
 
 
 @pytest.mark.data
-def test_border_beats_traditional_in_coarse_cells(data_folder, tmp_path):
+def test_border_beats_traditional_in_coarse_cells(data_folder):
     common = {
-        'of': 'intel', 'data': str(data_folder), 'pictures': str(tmp_path), 'resolution': 0.1,
+        'of': 'intel', 'data': str(data_folder), 'resolution': 0.1,
         'number': 3, 'kind': 'beam', 'seed': 1, 'held_out_scans': 28,
     }  # fmt: skip
     by = {
@@ -159,9 +149,9 @@ def test_border_beats_traditional_in_coarse_cells(data_folder, tmp_path):
 
 
 @pytest.mark.data
-def test_dispersed_chains_say_unknown_where_nothing_was_measured(data_folder, tmp_path):
+def test_dispersed_chains_say_unknown_where_nothing_was_measured(data_folder):
     common = {
-        'data': str(data_folder), 'pictures': str(tmp_path), 'resolution': 0.1, 'number': 3,
+        'data': str(data_folder), 'resolution': 0.1, 'number': 3,
         'sweeps': [20, 20], 'seed': 1,
     }  # fmt: skip
     by = {start: unseen(**common, start=start) for start in ('live', 'dispersed')}

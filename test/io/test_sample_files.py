@@ -18,6 +18,10 @@ def test_round_trip(tmp_path):
     assert np.array_equal(again.maps, maps)
     assert np.array_equal(again.touched, touched)
     assert (again.spec.origin_x_m, again.spec.origin_y_m) == (-2.0, 1.0)
+    for grid_map, cells in zip(again.grid_maps(), maps, strict=True):
+        assert grid_map.spec == again.spec
+        assert np.array_equal(np.isnan(grid_map.probability), ~touched)
+        assert np.array_equal(grid_map.probability[touched], cells[touched])
     with np.load(path) as data:
         assert data['maps'].shape == (5, 3)  # 21 cells: three bytes a map
         assert int(data['thin']) == 3

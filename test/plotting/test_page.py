@@ -62,6 +62,19 @@ def test_curves_are_a_picture_that_changes_with_the_curve():
     assert one != other
 
 
+def test_a_corner_is_drawn_however_crowded_the_rest_of_the_curve_is():
+    """One threshold of 100 000 makes the way from the left to the right; all others are near."""
+    crowd = np.linspace(0.95, 1.0, 100_000)
+    corner = np.array([0.0, 0.1, 0.6]), np.array([0.0, 0.9, 0.1])
+    curve = Series('', np.append(corner[0], crowd), np.append(corner[1], crowd))
+    ends = Series('', np.append(corner[0], crowd[[0, -1]]), np.append(corner[1], crowd[[0, -1]]))
+    limits = {'x_limits': (0.0, 1.0), 'y_limits': (0.0, 1.0)}
+    drawn, expected = (
+        pixels(curves_png([one], 'x', 'y', **limits)).astype(int) for one in (curve, ends)
+    )
+    assert np.abs(drawn - expected).max() < 64
+
+
 def test_a_page_holds_everything_itself():
     png = probability_png(np.zeros((2, 2)))
     page = Page('a < b')

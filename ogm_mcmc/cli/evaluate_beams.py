@@ -1,0 +1,184 @@
+"""`evaluate MAP --beams BAG`: what a map says of beams it has not seen."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from ogm_mcmc.arrays import AnyArray, Float64Array
+from ogm_mcmc.cli.bag_scans import BagScans, read_bag
+from ogm_mcmc.cli.evaluate_answer import Answer
+from ogm_mcmc.config import HeldOutConfig, PlacingConfig, SamplerConfig, flatten
+from ogm_mcmc.errors import BagError
+from ogm_mcmc.evaluation import (
+    HeldOutBeams,
+    Ratio,
+    beam_log_likelihood,
+    held_out_beams,
+    log_likelihood_of_samples,
+)
+from ogm_mcmc.geometry import GridMap
+from ogm_mcmc.io.sample_files import load_samples
+from ogm_mcmc.plotting import Picture, Series, curves_png, heat_png, probability_png
+from ogm_mcmc.sensors.forward_model import ForwardModel
+
+__all__ = ['by_beams']
+
+# So many nats below the usual log-likelihood are a great surprise.
+SURPRISE = 6.0
+
+
+def by_beams(
+    options: argparse.Namespace,
+    grid_map: GridMap,
+    unknown: float,
+    choice: HeldOutConfig,
+    placing: PlacingConfig,
+    sampler: SamplerConfig,
+) -> Answer:
+    """Judge a map, and the maps of `options.samples`, by the beams of `options.bag`.
+
+    A scan is taken to come from the mean of the belief about its pose.
+    """
+    samples = None if options.samples is None else load_samples(options.samples)
+    model, window = ForwardModel.from_config(sampler.model), sampler.window
+    bag = read_bag(options, placing)
+    beams = held_out_beams(
+        ((scan, belief.mean) for scan, belief in bag.placements[:: choice.beams_stride]),
+        grid_map.spec,
+        max_range_m=window.max_range,
+        no_return=window.no_return,
+        leaving=choice.leaving,
+    )
+    if not beams.placed:
+        raise BagError(
+            f'{options.bag}: no beam of {len(bag.placements)} placed scans says anything '
+            f'({beams.left_out} left out because they end outside of the map): expected some'
+        )
+    with tqdm(beams.placed, unit=' scans', desc='judge', disable=None) as bar:
+        values = beam_log_likelihood(grid_map, bar, model, prior=unknown)
+    figures = {**_read(options, bag, beams), **_judged(beams, values)}
+    if samples is not None:
+        maps = tqdm(
+            samples.grid_maps(), total=len(samples.maps), unit=' maps', desc='judge', disable=None
+        )
+        mixture = log_likelihood_of_samples(maps, beams.placed, model, prior=unknown)
+        figures['samples'] = {
+            'file': str(options.samples),
+            'maps': len(samples.maps),
+            **_figure(beams, mixture),
+            'above_map': _named(beams.mean(mixture - values)),
+        }
+    settings = {
+        **{
+            name: value
+            for name, value in flatten(sampler).items()
+            if name.startswith('model.') or name in ('window.max_range', 'window.no_return')
+        },
+        **flatten(choice),
+        **flatten(placing),
+    }
+    return Answer(
+        figures, _rows(figures), [('Held-out beams', _pictures(grid_map, beams, values))], settings
+    )
+
+
+def _read(options: argparse.Namespace, bag: BagScans, beams: HeldOutBeams) -> dict[str, Any]:
+    return {
+        'bag': str(options.bag),
+        'scan_topic': bag.topics.scan.name,
+        'pose_topic': bag.topics.pose.name,
+        'scans': bag.n_scans,
+        'dropped': bag.dropped,
+        'scans_used': len(beams.placed),
+        'left_out': beams.left_out,
+    }
+
+
+def _judged(beams: HeldOutBeams, values: Float64Array) -> dict[str, Any]:
+    """Figures of all beams, and of those that did and did not return or that leave the map."""
+    return {
+        **_figure(beams, values),
+        'returned': _figure(beams, values, beams.returned),
+        'no_return': _figure(beams, values, ~beams.returned),
+        'ending_outside': _figure(beams, values, beams.leaving),
+    }
+
+
+def _figure(
+    beams: HeldOutBeams, values: Float64Array, of: AnyArray | None = None
+) -> dict[str, Any]:
+    count = beams.scan.size if of is None else int(of.sum())
+    return {'beams': count, **_named(beams.mean(values, of))}
+
+
+def _named(ratio: Ratio) -> dict[str, float]:
+    return {'nats_per_beam': ratio.value, 'standard_error': ratio.standard_error}
+
+
+def _rows(of: dict[str, Any]) -> list[tuple[str, str]]:
+    """Return the figures as name and value, for people."""
+    rows = [
+        ('held-out beams', f'{of["beams"]} of {of["scans_used"]} scans'),
+        ('log-likelihood, nats a beam', _shown(of)),
+        ('  of beams that returned', f'{_shown(of["returned"])} ({of["returned"]["beams"]})'),
+    ]
+    for name, key in (
+        ('  of those without a return', 'no_return'),
+        ('  ending outside of the map', 'ending_outside'),
+    ):
+        if of[key]['beams']:
+            rows.append((name, f'{_shown(of[key])} ({of[key]["beams"]})'))
+    if of['left_out']:
+        rows.append(('left out, ending outside', str(of['left_out'])))
+    if 'samples' in of:
+        mixed = of['samples']
+        rows += [
+            (f'mixture of {mixed["maps"]} maps', _shown(mixed)),
+            ('  above the map', _shown(mixed['above_map'])),
+        ]
+    if of['dropped']:
+        dropped = ', '.join(f'{count} {reason}' for reason, count in of['dropped'].items())
+        rows.append(('scans dropped', dropped))
+    return rows
+
+
+def _shown(figure: dict[str, Any]) -> str:
+    value, error = figure['nats_per_beam'], figure['standard_error']
+    if not np.isfinite(value):
+        return 'none'
+    return f'{value:.4f}' + (f' +- {error:.4f}' if np.isfinite(error) else '')
+
+
+def _pictures(grid_map: GridMap, beams: HeldOutBeams, values: Float64Array) -> list[Picture]:
+    per_scan = beams.per_scan(values)
+    ordered = np.sort(values)
+    usual = float(np.median(values))
+    surprise = usual - beams.per_cell(values, grid_map.spec)
+    shares = (np.arange(ordered.size) + 1.0) / ordered.size
+    return [
+        Picture(probability_png(grid_map.probability), 'The map'),
+        Picture(
+            heat_png(np.maximum(surprise, 0.0), SURPRISE),
+            f'Where beams ended that the map did not expect: white as usual ({usual:.2f} nats) or '
+            f'better, black {SURPRISE:g} nats below or more; grey: none ended there',
+        ),
+        Picture(
+            curves_png(
+                [Series('', np.arange(per_scan.size), per_scan, '.')],
+                'scan',
+                'nats a beam',
+            ),
+            'Mean log-likelihood of the beams of each scan, in order: where it falls, the map is '
+            'wrong or the pose is',
+        ),
+        Picture(
+            curves_png(
+                [Series('', ordered, shares)], 'log-likelihood, nats', 'share of beams below'
+            ),
+            'Log-likelihoods of single beams: what lies far left the map did not expect',
+        ),
+    ]

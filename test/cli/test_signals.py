@@ -1,0 +1,67 @@
+"""Signals that come at the worst moments: in `ctypes.cast`, where Numba cannot bear one."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+# Takes a Generator apart without end, and is stopped from inside of `ctypes.cast` (by a trace
+# function, called at its first line as a signal handler would be).
+SWEEPING = """
+import ctypes, os, signal, sys, time
+import numpy as np
+from numba import njit
+from ogm_mcmc.cli import entry, main
+
+@njit
+def draw(rng):
+    return rng.random()
+
+def stop_in_cast(frame, event, argument):
+    if frame.f_code is ctypes.cast.__code__:
+        sys.settrace(None)
+        os.kill(os.getpid(), signal.{signal})
+        time.sleep(0.0)
+        return None
+
+def run(argv=None):
+    main.leave_on_signals()
+    rng = np.random.default_rng(1)
+    draw(rng)
+    print('begun', flush=True)
+    sys.settrace(stop_in_cast)
+    end = time.monotonic() + 20.0
+    while time.monotonic() < end:
+        draw(rng)
+    return 0
+
+main.run = run
+entry.main()
+"""
+
+
+@pytest.mark.parametrize(('name', 'code'), [('SIGINT', 130), ('SIGTERM', 143)])
+def test_a_stop_while_a_generator_is_taken_apart_is_no_crash(name, code):
+    done = subprocess.run(
+        [sys.executable, '-c', SWEEPING.format(signal=name)],
+        env=dict(os.environ),
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (code, 'begun\n', '')
+
+
+def test_an_ignored_interrupt_stays_ignored():
+    """As under nohup in a script: Ctrl-C is not for a program in the background."""
+    code = (
+        'import os, signal\n'
+        'signal.signal(signal.SIGINT, signal.SIG_IGN)\n'
+        'from ogm_mcmc.cli.signals import leave_on_signals\n'
+        'leave_on_signals()\n'
+        'os.kill(os.getpid(), signal.SIGINT)\n'
+        "print('still here')\n"
+    )
+    done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, timeout=60)
+    assert done.stdout == 'still here\n'
