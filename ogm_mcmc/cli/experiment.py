@@ -15,7 +15,7 @@ from ogm_mcmc.errors import OutputError, require
 from ogm_mcmc.experiments import EXPERIMENTS, make_page
 from ogm_mcmc.experiments.datasets import using_executor
 from ogm_mcmc.experiments.results import table_text
-from ogm_mcmc.io.map_files import replacing, writable_folder
+from ogm_mcmc.io.map_files import folder_to_fill, replacing
 from ogm_mcmc.plotting import require_matplotlib
 
 __all__ = ['add_to']
@@ -39,7 +39,12 @@ def run(options: argparse.Namespace) -> int:
     """Run the command."""
     require(options.seed >= 0, 'seed', options.seed, 'expected 0 or more')
     require_matplotlib()
-    folder = writable_folder(options.folder or Path('out/experiments') / options.name)
+    # Where something is missing, no empty folder is left.
+    with folder_to_fill(options.folder or Path('out/experiments') / options.name) as folder:
+        return _run_into(folder, options)
+
+
+def _run_into(folder: Path, options: argparse.Namespace) -> int:
     paths = {
         kind: folder / name for kind, name in (('json', 'result.json'), ('html', 'index.html'))
     }

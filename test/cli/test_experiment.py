@@ -43,6 +43,9 @@ def test_every_experiment_keeps_the_agreement(name):
         (['moon'], 'moon'),
         (['counting', '--seed', '-1'], 'seed is -1'),
         (['counting', '-o', 'notes.txt'], 'expected a writable folder'),
+        (['patch-intel'], 'intel.gfs.log: no such file'),
+        (['patch-stata', '-o', 'new/folder'], 'imported: no such file'),
+        (['pose-particles'], 'csail.corrected.gfs: no such file'),
     ],
     ids=lambda value: ' '.join(value) if isinstance(value, list) else '',
 )
@@ -50,6 +53,7 @@ def test_a_mistake_is_one_line_and_leaves_nothing(
     tmp_path, monkeypatch, capsys, arguments, reason
 ):
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv('OGM_MCMC_DATA', str(tmp_path))
     (tmp_path / 'notes.txt').write_text('nothing of use')
     try:
         code = run(['experiment', *arguments])
@@ -60,3 +64,12 @@ def test_a_mistake_is_one_line_and_leaves_nothing(
     assert len(lines) == 1
     assert reason in lines[0]
     assert [path.name for path in tmp_path.iterdir()] == ['notes.txt']
+
+
+def test_a_damaged_log_leaves_no_folders(tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv('OGM_MCMC_DATA', str(tmp_path))
+    (tmp_path / 'intel').mkdir()
+    (tmp_path / 'intel' / 'intel.gfs.log').write_text('FLASER 3 1.0\n')
+    assert run(['experiment', 'patch-intel', '-o', str(tmp_path / 'out')]) == 2
+    assert len(capsys.readouterr().err.splitlines()) == 1
+    assert not (tmp_path / 'out').exists()
