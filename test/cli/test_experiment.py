@@ -6,7 +6,7 @@ import json
 import pytest
 
 from ogm_mcmc.cli.main import run
-from ogm_mcmc.experiments import EXPERIMENTS
+from ogm_mcmc.experiments import EXPERIMENTS, SPREAD
 
 
 def test_files_and_text(tmp_path, monkeypatch, capsys):
@@ -37,11 +37,22 @@ def test_every_experiment_keeps_the_agreement(name):
     assert parameters['quick'].kind is parameters['seed'].kind is inspect.Parameter.KEYWORD_ONLY
 
 
+def test_what_spreads_is_what_goes_through_run_all():
+    found = {
+        name for name, one in EXPERIMENTS.items() if 'run_all' in inspect.getmodule(one).__dict__
+    }
+    assert found == set(SPREAD)
+
+
 @pytest.mark.parametrize(
     ('arguments', 'reason'),
     [
         (['moon'], 'moon'),
         (['counting', '--seed', '-1'], 'seed is -1'),
+        (
+            ['gibbs-1d', '--scheduler', 'tcp://127.0.0.1:9'],
+            'gibbs-1d has nothing to spread; expected one of gibbs-2d, patch-intel, ',
+        ),
         (['counting', '-o', 'notes.txt'], 'expected a writable folder'),
         (['patch-intel'], 'intel.gfs.log: no such file'),
         (['patch-stata', '-o', 'new/folder'], 'imported: no such file'),
