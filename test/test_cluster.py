@@ -180,8 +180,8 @@ def test_experiment_on_a_cluster(dask_cluster, tmp_path, monkeypatch, capsys):
         found.update(run_all(folder / 'sets', whereabouts, {'one': {'number': 1}}))
         return {'rows': [experiments.row('number', found['one']['number'])]}
 
-    monkeypatch.setitem(experiments.EXPERIMENTS, 'counting', elsewhere)
-    arguments = ['experiment', 'counting', '-o', str(tmp_path / 'out')]
+    monkeypatch.setitem(experiments.EXPERIMENTS, 'pose-sim', elsewhere)
+    arguments = ['experiment', 'pose-sim', '-o', str(tmp_path / 'out')]
     assert run([*arguments, '--scheduler', dask_cluster.scheduler_address]) == 0
     assert 'number' in capsys.readouterr().out
     assert found['one']['process'] != os.getpid()
@@ -221,7 +221,7 @@ def test_no_scheduler(monkeypatch, tmp_path, capsys):
     pytest.importorskip('distributed')
     monkeypatch.setattr(cluster, 'ANSWER_S', 0.3)
     monkeypatch.chdir(tmp_path)
-    assert run(['experiment', 'counting', '--quick', '--scheduler', 'tcp://127.0.0.1:9']) == 2
+    assert run(['experiment', 'pose-sim', '--quick', '--scheduler', 'tcp://127.0.0.1:9']) == 2
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 1
     assert 'tcp://127.0.0.1:9' in lines[0]

@@ -11,11 +11,11 @@ from typing import Any
 from ogm_mcmc import __version__
 from ogm_mcmc.cli.options import Subparsers, add_json, add_scheduler, print_result
 from ogm_mcmc.cluster import connected
-from ogm_mcmc.errors import OutputError, require
-from ogm_mcmc.experiments import EXPERIMENTS, make_page
+from ogm_mcmc.errors import ConfigError, OutputError, require
+from ogm_mcmc.experiments import EXPERIMENTS, SPREAD, make_page
 from ogm_mcmc.experiments.datasets import using_executor
 from ogm_mcmc.experiments.results import table_text
-from ogm_mcmc.io.map_files import replacing, writable_folder
+from ogm_mcmc.io.map_files import folder_to_fill, replacing
 from ogm_mcmc.plotting import require_matplotlib
 
 __all__ = ['add_to']
@@ -30,7 +30,7 @@ def add_to(subparsers: Subparsers) -> None:
     parser.add_argument(
         '-o', dest='folder', type=Path, metavar='DIR', help='default: out/experiments/NAME'
     )
-    add_scheduler(parser)
+    add_scheduler(parser, f'; for {", ".join(SPREAD)}')
     add_json(parser)
     parser.set_defaults(run=run)
 
@@ -38,8 +38,18 @@ def add_to(subparsers: Subparsers) -> None:
 def run(options: argparse.Namespace) -> int:
     """Run the command."""
     require(options.seed >= 0, 'seed', options.seed, 'expected 0 or more')
+    if options.scheduler and options.name not in SPREAD:
+        raise ConfigError(
+            f'--scheduler: {options.name} has nothing to spread; expected one of '
+            f'{", ".join(SPREAD)}'
+        )
     require_matplotlib()
-    folder = writable_folder(options.folder or Path('out/experiments') / options.name)
+    # Where something is missing, no empty folder is left.
+    with folder_to_fill(options.folder or Path('out/experiments') / options.name) as folder:
+        return _run_into(folder, options)
+
+
+def _run_into(folder: Path, options: argparse.Namespace) -> int:
     paths = {
         kind: folder / name for kind, name in (('json', 'result.json'), ('html', 'index.html'))
     }

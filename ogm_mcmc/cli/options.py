@@ -41,14 +41,14 @@ def add_json(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--json', action='store_true', help='print the result as JSON')
 
 
-def add_scheduler(parser: argparse.ArgumentParser) -> None:
+def add_scheduler(parser: argparse.ArgumentParser, remark: str = '') -> None:
     """Declare --scheduler."""
     parser.add_argument(
         '--scheduler',
         default='',
         metavar='ADDRESS',
         help='work on a Dask cluster (tcp://host:8786) instead of local processes; needs the '
-        'extra "cluster"',
+        f'extra "cluster"{remark}',
     )
 
 

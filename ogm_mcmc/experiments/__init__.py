@@ -16,7 +16,8 @@ page and on the terminal if present:
 The command adds name, seed and duration, and writes ``result.json`` and ``index.html``. `quick`
 is for minutes at most, with fewer or smaller data sets; otherwise the size is the paper's.
 Many independent data sets go through `datasets.run_all`: all cores, one file for each that is
-finished, and an interrupted run goes on where it was.
+finished, and an interrupted run goes on where it was. Name such an experiment in `SPREAD`, too:
+the command refuses to take any other to a cluster, where nothing would be done.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ from ogm_mcmc.experiments import (
 from ogm_mcmc.experiments.datasets import run_all
 from ogm_mcmc.experiments.results import make_page, row
 
-__all__ = ['EXPERIMENTS', 'Run', 'make_page', 'row', 'run_all']
+__all__ = ['EXPERIMENTS', 'SPREAD', 'Run', 'make_page', 'row', 'run_all']
 
 
 class Run(Protocol):
@@ -65,3 +66,6 @@ EXPERIMENTS: dict[str, Run] = {
     'pose-sim': pose_sim.run,
     'random-field': random_field.run,
 }
+
+# Those whose work goes through `run_all`. The others take seconds, or time what they do.
+SPREAD = ('gibbs-2d', 'patch-intel', 'patch-sim', 'patch-stata', 'pose-sim')

@@ -119,9 +119,9 @@ def run_stata(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
 def _run(of: HardwareSet, folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
     """Sample and score everything."""
     data = data_folder(of)
+    scans = of.scans(data)
     sweeps = QUICK_SWEEPS if quick else SWEEPS
     jobs: dict[str, dict[str, Any]] = {}
-    scans = of.scans(data)
     for resolution in (of.quick_resolution_m,) if quick else of.resolutions_m:
         save_picture(
             folder / benchmark_name(resolution), benchmark_with_rays(of, scans, resolution)

@@ -29,6 +29,7 @@ from ogm_mcmc.geometry.grid_map import trinary_values
 
 __all__ = [
     'checked_name',
+    'folder_to_fill',
     'load_grid',
     'load_map',
     'load_npz',
@@ -83,6 +84,21 @@ def writable_folder(path: Path) -> Path:
     except OSError as error:
         raise OutputError(f'{path}: expected a writable folder ({error.strerror})') from error
     return path
+
+
+@contextlib.contextmanager
+def folder_to_fill(path: Path) -> Iterator[Path]:
+    """Make a folder as `writable_folder` does; what was made for nothing goes again.
+
+    That is the folder, and parents that were not there before, if they are empty in the end.
+    """
+    new = [one for one in (path, *path.parents) if not one.exists()]
+    try:
+        yield writable_folder(path)
+    finally:
+        with contextlib.suppress(OSError):
+            for one in new:
+                one.rmdir()
 
 
 def checked_name(name: str) -> str:

@@ -6,7 +6,7 @@ import json
 import pytest
 
 from ogm_mcmc.cli.main import run
-from ogm_mcmc.experiments import EXPERIMENTS
+from ogm_mcmc.experiments import EXPERIMENTS, SPREAD
 
 
 def test_files_and_text(tmp_path, monkeypatch, capsys):
@@ -37,12 +37,26 @@ def test_every_experiment_keeps_the_agreement(name):
     assert parameters['quick'].kind is parameters['seed'].kind is inspect.Parameter.KEYWORD_ONLY
 
 
+def test_what_spreads_is_what_goes_through_run_all():
+    found = {
+        name for name, one in EXPERIMENTS.items() if 'run_all' in inspect.getmodule(one).__dict__
+    }
+    assert found == set(SPREAD)
+
+
 @pytest.mark.parametrize(
     ('arguments', 'reason'),
     [
         (['moon'], 'moon'),
         (['counting', '--seed', '-1'], 'seed is -1'),
+        (
+            ['gibbs-1d', '--scheduler', 'tcp://127.0.0.1:9'],
+            'gibbs-1d has nothing to spread; expected one of gibbs-2d, patch-intel, ',
+        ),
         (['counting', '-o', 'notes.txt'], 'expected a writable folder'),
+        (['patch-intel'], 'intel.gfs.log: no such file'),
+        (['patch-stata', '-o', 'new/folder'], 'imported: no such file'),
+        (['pose-particles'], 'csail.corrected.gfs: no such file'),
     ],
     ids=lambda value: ' '.join(value) if isinstance(value, list) else '',
 )
@@ -50,6 +64,7 @@ def test_a_mistake_is_one_line_and_leaves_nothing(
     tmp_path, monkeypatch, capsys, arguments, reason
 ):
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv('OGM_MCMC_DATA', str(tmp_path))
     (tmp_path / 'notes.txt').write_text('nothing of use')
     try:
         code = run(['experiment', *arguments])
@@ -60,3 +75,12 @@ def test_a_mistake_is_one_line_and_leaves_nothing(
     assert len(lines) == 1
     assert reason in lines[0]
     assert [path.name for path in tmp_path.iterdir()] == ['notes.txt']
+
+
+def test_a_damaged_log_leaves_no_folders(tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv('OGM_MCMC_DATA', str(tmp_path))
+    (tmp_path / 'intel').mkdir()
+    (tmp_path / 'intel' / 'intel.gfs.log').write_text('FLASER 3 1.0\n')
+    assert run(['experiment', 'patch-intel', '-o', str(tmp_path / 'out')]) == 2
+    assert len(capsys.readouterr().err.splitlines()) == 1
+    assert not (tmp_path / 'out').exists()

@@ -1,5 +1,6 @@
 """Map files: their bytes, their YAML, and what nav2_map_server makes of them."""
 
+import contextlib
 import math
 
 import numpy as np
@@ -12,7 +13,14 @@ from PIL import Image
 from ogm_mcmc.config import OutputConfig
 from ogm_mcmc.errors import OutputError
 from ogm_mcmc.geometry import GridMap, GridSpec
-from ogm_mcmc.io.map_files import load_map, replacing, save_map, save_npz, writable_folder
+from ogm_mcmc.io.map_files import (
+    folder_to_fill,
+    load_map,
+    replacing,
+    save_map,
+    save_npz,
+    writable_folder,
+)
 
 SPEC = GridSpec(0.05, 3, 2, column0=-7, row0=11, anchor_x_m=0.1, anchor_y_m=-20.3)
 # The second row is the one of higher y.
@@ -167,6 +175,27 @@ def test_place_that_cannot_be_written_to(tmp_path, folder):
         assert '\n' not in str(caught.value)
     assert [path.name for path in tmp_path.iterdir()] == ['file']
     assert (tmp_path / 'file').read_text() == 'mine'
+
+
+@pytest.mark.parametrize('error', [None, OutputError, KeyboardInterrupt])
+def test_only_folders_made_for_nothing_go(tmp_path, error):
+    (tmp_path / 'mine').mkdir()
+    with (
+        contextlib.suppress(OutputError, KeyboardInterrupt),
+        folder_to_fill(tmp_path / 'mine' / 'new' / 'empty') as folder,
+    ):
+        assert folder.is_dir()
+        if error:
+            raise error
+    with folder_to_fill(tmp_path / 'mine'):
+        pass
+    assert [path.name for path in tmp_path.rglob('*')] == ['mine']
+    with folder_to_fill(tmp_path / 'mine' / 'new' / 'full') as folder:
+        (folder / 'result').touch()
+    assert (tmp_path / 'mine' / 'new' / 'full' / 'result').exists()
+    with pytest.raises(OutputError), folder_to_fill(tmp_path / 'mine/new/full/result/more'):
+        pass
+    assert (tmp_path / 'mine' / 'new' / 'full' / 'result').is_file()
 
 
 def test_name_that_is_taken_by_a_folder(tmp_path):
