@@ -6,6 +6,8 @@ import io
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import numpy as np
+
 from ogm_mcmc.arrays import AnyArray
 from ogm_mcmc.errors import ConfigError
 
@@ -42,13 +44,14 @@ def curves_png(
     log_y: bool = False,
     log_x: bool = False,
 ) -> bytes:
-    """Draw curves into one picture of 640 x 480 pixels.
+    """Draw curves into one picture of 640 x 480 pixels; ticks of integers are integers.
 
     Curves are given whole, a point for every threshold: matplotlib leaves out what lies within a
     ninth of a pixel of the line without it (three million points of a ROC curve: half a second).
     """
     require_matplotlib()
     from matplotlib.figure import Figure
+    from matplotlib.ticker import MaxNLocator
 
     figure = Figure(figsize=(6.4, 4.8), dpi=100, layout='tight')
     axes = figure.add_subplot()
@@ -64,6 +67,9 @@ def curves_png(
         axes.set_ylim(*y_limits)
     if log_x:
         axes.set_xscale('log')
+    elif all(np.issubdtype(np.asarray(curve.x).dtype, np.integer) for curve in series):
+        # Numbers of cells, sweeps or experiments: there is nothing half way between two.
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     if log_y:
         axes.set_yscale('log')
     if len(series) > 1:
