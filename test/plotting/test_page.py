@@ -109,3 +109,16 @@ def test_without_matplotlib_one_line_says_what_to_do(monkeypatch):
     monkeypatch.setitem(__import__('sys').modules, 'matplotlib.figure', None)
     with pytest.raises(ConfigError, match=r'pip install "ogm_mcmc\[plots\]"'):
         require_matplotlib()
+
+
+def test_integers_have_integer_ticks(monkeypatch):
+    """Three experiments are 4, 5 and 6, and nothing is at 4.25."""
+    drawn = []
+    monkeypatch.setattr(
+        'matplotlib.figure.Figure.savefig',
+        lambda figure, *_, **__: drawn.append(figure.axes[0].get_xticks().tolist()),
+    )
+    for x in (np.array([4, 5, 6]), np.array([4.0, 5.0, 6.0])):
+        curves_png([Series('a', x, x)], 'experiment', 'y')
+    assert all(tick.is_integer() for tick in drawn[0])
+    assert not all(tick.is_integer() for tick in drawn[1])
