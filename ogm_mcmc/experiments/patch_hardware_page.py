@@ -29,7 +29,7 @@ NOTES = [
     'measured are at 0.234 and count as occupied. Cells count within 10 cells of a measured one.',
     'The sampler uses the mixture `beam` with sigma 0.05 m; [patch] a Gaussian with sigma 3 cells '
     '(rows "gaussian"). All held-out beams are judged by `beam`, sigma 0.05 m.',
-    'The prior is learned at 0.05 m per cell and used as it is for smaller cells.',
+    'The prior is learned at 0.05 m per cell and used as it is for cells of other sizes.',
 ]
 
 # Results by resolution, experiment and method.
