@@ -152,11 +152,16 @@ def _submitted(
     try:
         while running:
             done, _ = wait(running, return_when=FIRST_COMPLETED)
-            for future in done:
+            # Those that failed at the same moment come last: what is finished is kept.
+            for future in sorted(done, key=_failed):
                 keep(running.pop(future), future.result())
     finally:
         for future in running:
             future.cancel()
+
+
+def _failed(future: Future[dict[str, Any]]) -> bool:
+    return future.cancelled() or future.exception() is not None
 
 
 def digest_of(*contents: bytes) -> str:

@@ -231,6 +231,23 @@ def test_another_executor(tmp_path):
     assert '0-1' not in calls(tmp_path / 'calls')
 
 
+def test_what_is_finished_when_others_fail_is_kept(tmp_path):
+    """All six are done before the first is looked at, in whatever order a set has them."""
+
+    class AtOnce(ThreadPoolExecutor):
+        def submit(self, fn, /, *arguments, **keywords):
+            future = super().submit(fn, *arguments, **keywords)
+            future.exception()
+            return future
+
+    work = tasks(tmp_path / 'calls', 6)
+    work['set2']['value'] = 'no number'
+    with AtOnce(1) as executor, pytest.raises(TypeError):
+        run_all(tmp_path / 'out', square, work, executor=executor)
+    kept = {path.name.split('_')[0] for path in (tmp_path / 'out').iterdir()}
+    assert kept == {'set0', 'set1', 'set3', 'set4', 'set5'}
+
+
 def test_how_many_workers(monkeypatch):
     monkeypatch.delenv('OGM_MCMC_WORKERS', raising=False)
     assert worker_count() >= 1
