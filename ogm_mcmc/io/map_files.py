@@ -32,6 +32,7 @@ __all__ = [
     'load_grid',
     'load_map',
     'load_npz',
+    'makeable_folder',
     'replacing',
     'save_map',
     'save_npz',
@@ -82,6 +83,22 @@ def writable_folder(path: Path) -> Path:
             pass
     except OSError as error:
         raise OutputError(f'{path}: expected a writable folder ({error.strerror})') from error
+    return path
+
+
+def makeable_folder(path: Path) -> Path:
+    """Check that `writable_folder` will succeed, without making any: work may fail before.
+
+    Raises OutputError.
+    """
+    there = path
+    while not there.exists() and there != there.parent:
+        there = there.parent
+    try:
+        with tempfile.TemporaryFile(dir=there):
+            pass
+    except OSError as error:
+        raise OutputError(f'{there}: expected a writable folder ({error.strerror})') from error
     return path
 
 
