@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import zipfile
 from pathlib import Path
 from typing import NamedTuple
 
@@ -39,9 +40,10 @@ def load_scene(path: Path) -> Scene:
         with np.load(path) as data:
             resolution, limit = float(data['res']), float(data['F'])
             poses, angles, cells = data['poses'], data['ang'], data['z']
-    except (OSError, ValueError, KeyError) as error:
+    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
+        reason = ' '.join(str(error).split())
         raise BagError(
-            f'{path}: expected an NPZ with poses, ang, z, res and F ({error})'
+            f'{path}: expected an NPZ with poses, ang, z, res and F ({reason})'
         ) from error
     ranges = np.where(cells >= limit, np.inf, cells * resolution)
     return Scene(

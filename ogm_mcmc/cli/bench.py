@@ -19,20 +19,44 @@ from ogm_mcmc.benchmarks.sample import Effort, bag_config, scene_config, time_sa
 from ogm_mcmc.benchmarks.scene import generated_scene, load_scene
 from ogm_mcmc.benchmarks.simulation import time_simulation
 from ogm_mcmc.cli.bag_scans import read_bag
+from ogm_mcmc.cli.option_ranges import Range, check_options, option_name, refused
 from ogm_mcmc.cli.options import (
     Subparsers,
     add_config_options,
     add_stream_options,
     config_from,
 )
+from ogm_mcmc.cli.simulated_sensor import FURTHEST_M
+from ogm_mcmc.cli.simulated_world import check_cells
 from ogm_mcmc.config import MapperConfig, PlacingConfig
-from ogm_mcmc.errors import ConfigError, require
+from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.geometry import PoseBelief
 from ogm_mcmc.io.world_files import load_world
 from ogm_mcmc.placement import Placement
 from ogm_mcmc.simulation import GridWorld, Lidar
 
 __all__ = ['add_to']
+
+SIMULATE_RANGES = {
+    'beams': Range(1, 100_000),
+    'range_max': Range(0, FURTHEST_M, 'm'),
+    'scans': Range(1, 100_000),
+    'seed': Range(0),
+    'repeats': Range(1),
+}
+
+ONLINE_RANGES = {
+    'repeats': Range(1),
+    'pose_sigma': Range(0, 1000, 'm'),
+    'yaw_sigma': Range(0, 1000, 'rad'),
+}
+
+SAMPLE_RANGES = {
+    'sweeps': Range(1),
+    'warm_up': Range(0),
+    'resolution': Range(0.001, 10, 'm'),
+    'cell_prior': Range(1e-6, 1.0 - 1e-6),
+}
 
 
 def add_to(subparsers: Subparsers) -> None:
@@ -70,11 +94,12 @@ def _add_sample(cases: Subparsers) -> None:
     sample.add_argument('bag', nargs='?', type=Path, help='bag to sample as well')
     sample.add_argument('--scene', type=Path, help='NPZ of the scene; default: a generated one')
     sample.add_argument(
-        '--resolution', type=float, nargs='+', default=[0.05, 0.02], help='of the bag, m'
+        '--resolution', type=float, nargs='+', help='of the bag, m (default: 0.05 0.02)'
     )
     sample.add_argument(
-        '--no-return', choices=('clear', 'ignore'), default='ignore',
-        help='of the bag: what +inf says; CARMEN logs do not tell glass from nothing',
+        '--no-return', choices=('clear', 'ignore'),
+        help='of the bag: what +inf says; CARMEN logs do not tell glass from nothing '
+        '(default: ignore)',
     )  # fmt: skip
     sample.add_argument('--cell-prior', type=float, default=0.15)
     sample.add_argument('--warm-up', type=int, default=20, help='sweeps before any is timed')
@@ -87,13 +112,15 @@ def _add_sample(cases: Subparsers) -> None:
 
 def run_sample(options: argparse.Namespace) -> int:
     """Run `bench sample`."""
-    require(options.sweeps > 0, 'sweeps', options.sweeps, 'expected at least one')
-    require(options.warm_up >= 0, 'warm_up', options.warm_up, 'expected 0 or more')
+    check_options(options, SAMPLE_RANGES)
+    # The scene comes with cells and beams of its own.
+    _refuse_without_bag(options, ('resolution', 'no_return'))
+    cells = options.resolution or [0.05, 0.02]
+    no_return = options.no_return or 'ignore'
     effort = Effort(options.warm_up, options.sweeps)
     prior = options.cell_prior
     bag_configs = {
-        f'bag {100.0 * cell:g} cm': bag_config(cell, options.no_return, prior)
-        for cell in options.resolution
+        f'bag {100.0 * cell:g} cm': bag_config(cell, no_return, prior) for cell in cells
     }
     scene = generated_scene() if options.scene is None else load_scene(options.scene)
     result: dict[str, Any] = {
@@ -118,11 +145,14 @@ def run_sample(options: argparse.Namespace) -> int:
 
 def run_simulate(options: argparse.Namespace) -> int:
     """Run `bench simulate`."""
-    require(options.repeats > 0, 'repeats', options.repeats, 'expected at least one pass')
-    require(options.seed >= 0, 'seed', options.seed, 'expected 0 or more')
+    nearest = Lidar().range_min_m
+    check_options(options, SIMULATE_RANGES)
+    if options.range_max <= nearest:
+        raise refused('range_max', options.range_max, f'expected more than {nearest:g} m')
     world = load_world(options.world)
     if not isinstance(world, GridWorld):
-        raise ConfigError(f'world is {options.world!r}: expected one that is made of cells')
+        raise ConfigError(f'--world is {options.world!r}: expected one that is made of cells')
+    check_cells('range_max', options.range_max, world.spec.resolution_m)
     lidar = Lidar(options.beams, range_max_m=options.range_max, noise_m=0.03, dropout=0.0)
     result = time_simulation(world, lidar, options.repeats, options.seed, options.scans)
     print(json.dumps({'world': options.world, **result}))
@@ -131,11 +161,11 @@ def run_simulate(options: argparse.Namespace) -> int:
 
 def run_online(options: argparse.Namespace) -> int:
     """Run `bench online`."""
-    require(options.repeats > 0, 'repeats', options.repeats, 'expected at least one pass')
+    check_options(options, ONLINE_RANGES)
+    # The scene stays the same whatever a bag needs.
+    _refuse_without_bag(options, ('resolution', 'no_return', 'max_range'))
     config = config_from(options, MapperConfig)
     sigmas = (options.pose_sigma, options.pose_sigma, options.yaw_sigma)
-    for name, value in (('pose_sigma', sigmas[0]), ('yaw_sigma', sigmas[2])):
-        require(0.0 <= value < 1e3, name, value, 'expected 0 or more')
     scene = generated_scene() if options.scene is None else load_scene(options.scene)
     # The scene stays the same whatever the bag needs: beams that hit nothing clear.
     scene_config = replace(config, resolution=scene.resolution_m, no_return='clear', max_range=0.0)
@@ -154,6 +184,16 @@ def run_online(options: argparse.Namespace) -> int:
         }
     print(json.dumps(result))
     return 0
+
+
+def _refuse_without_bag(options: argparse.Namespace, names: tuple[str, ...]) -> None:
+    """Refuse options that are about the bag where there is none."""
+    if options.bag is not None:
+        return
+    given = [name for name in names if getattr(options, name) is not None]
+    given += [name for name in ('scan_topic', 'pose_topic') if getattr(options, name)]
+    if given:
+        raise ConfigError(f'{option_name(given[0])}: expected with a BAG, the scene has its own')
 
 
 def doubted(placements: list[Placement], sigmas: tuple[float, float, float]) -> list[Placement]:

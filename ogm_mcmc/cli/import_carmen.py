@@ -5,10 +5,19 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from ogm_mcmc.cli.option_ranges import Range, check_options
 from ogm_mcmc.cli.options import Subparsers, add_json, print_result
 from ogm_mcmc.io.carmen_import import ImportOptions, ImportSummary, import_carmen
 
 __all__ = ['add_to', 'describe']
+
+# A `repeat_step` of no time at all would leave stamps as they are.
+RANGES = {
+    'range_max': Range(0, 100_000, 'm'),
+    'particles': Range(0, 1_000_000),
+    'repeat_step': Range(1e-6, 3600, 's'),
+    'time_offset': Range(-(2.0**31), 2.0**31, 's'),
+}
 
 
 def add_to(subparsers: Subparsers) -> None:
@@ -31,6 +40,7 @@ def add_to(subparsers: Subparsers) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run the command."""
+    check_options(options, RANGES)
     choices = ImportOptions(
         range_max_m=options.range_max,
         particles=options.particles,

@@ -7,10 +7,20 @@ from pathlib import Path
 
 from tqdm import tqdm
 
+from ogm_mcmc.cli.option_ranges import Range, check_options
 from ogm_mcmc.cli.options import Subparsers, add_json, print_result
+from ogm_mcmc.errors import OutputError
+from ogm_mcmc.io import ros_types
+from ogm_mcmc.io.bags import BagReader
 from ogm_mcmc.io.stata_import import StataOptions, StataSummary, import_stata
 
 __all__ = ['add_to']
+
+RANGES = {
+    'time_offset': Range(-(2.0**31), 2.0**31, 's'),
+    'offset_x': Range(-100, 100, 'm'),
+    'max_pose_gap': Range(1e-6, 3600, 's'),
+}
 
 
 def add_to(subparsers: Subparsers) -> None:
@@ -26,7 +36,9 @@ def add_to(subparsers: Subparsers) -> None:
     parser.add_argument('--overwrite', action='store_true', help='replace an existing bag')
     defaults = StataOptions()
     parser.add_argument('--scan-topic', default=defaults.scan_topic)
-    parser.add_argument('--odometry-topic', default=defaults.odometry_topic)
+    parser.add_argument(
+        '--odometry-topic', help=f'default: {defaults.odometry_topic}, if it is there'
+    )
     parser.add_argument(
         '--time-offset', type=float, default=0.0, help='added to the times of the poses, s'
     )
@@ -45,9 +57,15 @@ def add_to(subparsers: Subparsers) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run the command."""
+    check_options(options, RANGES)
+    if options.output.exists() and options.output.resolve() == options.bag.resolve():
+        raise OutputError(f'{options.output}: is the bag to read; expected a new name')
+    if options.odometry_topic is not None:
+        with BagReader(options.bag) as bag:  # one that was named is there
+            bag.find('odometry', (ros_types.ODOMETRY,), options.odometry_topic)
     choices = StataOptions(
         options.scan_topic,
-        options.odometry_topic,
+        options.odometry_topic or StataOptions().odometry_topic,
         options.time_offset,
         options.offset_x,
         options.max_pose_gap,

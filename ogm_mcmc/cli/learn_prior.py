@@ -20,7 +20,7 @@ from ogm_mcmc.config import (
     given,
 )
 from ogm_mcmc.errors import OutputError, PriorError, require
-from ogm_mcmc.io.map_files import writable_folder
+from ogm_mcmc.io.map_files import makeable_folder, writable_folder
 from ogm_mcmc.io.prior_files import Prior, save_prior
 from ogm_mcmc.io.training_maps import MapSource, TrainingMap, read_sources, read_training_map
 from ogm_mcmc.sampling.patch_learning import PatchCounts, count_map, rescaled, total_of
@@ -30,6 +30,8 @@ from ogm_mcmc.sampling.patch_statistics import PUBLISHED, patch_statistics
 __all__ = ['add_to']
 
 SOURCES = 'SOURCES.csv'
+
+MAP_FILES = ('.yaml', '.yml', '.pgm', '.png')
 
 
 def add_to(subparsers: Subparsers) -> None:
@@ -78,10 +80,12 @@ def run(options: argparse.Namespace) -> int:
     )
     if options.output.is_dir():
         raise OutputError(f'{options.output}: is a folder; expected a name for a file')
-    writable_folder(options.output.parent)
+    if any(options.output.resolve() == image.resolve() for image in _files_read(options)):
+        raise OutputError(f'{options.output}: is a file to read; expected a new name')
+    makeable_folder(options.output.parent)
     counted, sources, skipped = _counted(options, config)
     if options.held_out and len(counted) < 2:
-        raise PriorError('held_out needs at least two maps')
+        raise PriorError('--held-out: expected at least two maps')
     counts = total_of(counted.values()).without_rare(options.least)
     require(
         counts.squares.patterns.size > 0,
@@ -90,6 +94,7 @@ def run(options: argparse.Namespace) -> int:
         'no 5 x 5 window was seen so often',
     )
     settings = {**flatten(config), 'least': options.least}
+    writable_folder(options.output.parent)
     save_prior(Prior(counts, settings, tuple(sources)), options.output)
     result: dict[str, Any] = {
         'file': str(options.output),
@@ -129,6 +134,13 @@ def _counted(
     if not counted:
         raise PriorError(f'all maps are coarser than {config.resolution:g} m: expected finer ones')
     return counted, sources, skipped
+
+
+def _files_read(options: argparse.Namespace) -> list[Path]:
+    """Return the maps, the files that may lie beside them, and the list of sources."""
+    named = [*options.images, *([] if options.sources is None else [options.sources])]
+    beside = [image.with_suffix(end) for image in options.images for end in MAP_FILES]
+    return [*named, *beside, *(image.parent / SOURCES for image in options.images)]
 
 
 def _sources(options: argparse.Namespace, image: Path) -> dict[str, MapSource]:

@@ -24,7 +24,13 @@ from ogm_mcmc.config import MapperConfig, OutputConfig, PlacingConfig, flatten
 from ogm_mcmc.errors import BagError, OutputError
 from ogm_mcmc.geometry import GridMap
 from ogm_mcmc.io.bags import BagReader
-from ogm_mcmc.io.map_files import checked_name, save_map, save_npz, writable_folder
+from ogm_mcmc.io.map_files import (
+    checked_name,
+    makeable_folder,
+    save_map,
+    save_npz,
+    writable_folder,
+)
 from ogm_mcmc.io.scan_stream import PlacedScans, choose_topics
 from ogm_mcmc.io.tree_files import save_tree
 from ogm_mcmc.mapping import AdaptiveMapper, MappingMethod, RandomFieldMapper
@@ -56,7 +62,7 @@ def run(options: argparse.Namespace) -> int:
     pipeline = MappingPipeline(config)
     # What cannot be saved is better said before the work than after it.
     checked_name(options.name)
-    writable_folder(options.folder)
+    makeable_folder(options.folder)
     frames: set[str] = set()
     started = time.perf_counter()
     with BagReader(options.bag) as bag:
@@ -117,6 +123,7 @@ def _write(
     for path in paths.values():
         if path.is_dir():
             raise OutputError(f'{path}: is a folder; expected a name for a file')
+    writable_folder(folder)
     with tempfile.TemporaryDirectory(dir=folder, prefix=f'.{name}-') as scratch:
         save_map(grid_map, Path(scratch), output, name)
         layers = {}

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from ogm_mcmc.cli.options import Subparsers
-from ogm_mcmc.config import add_arguments
+from ogm_mcmc.config import add_arguments, build, given
 from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.io.bags import BagReader
 from ogm_mcmc.ros.settings import ReplayConfig
@@ -25,8 +25,9 @@ def add_to(subparsers: Subparsers) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run the command."""
+    build(ReplayConfig, given(options, ReplayConfig))
     with BagReader(Path(options.bag)):
-        pass  # A wrong path is said at once, before ROS starts.
+        pass  # A wrong value or path is said at once, before ROS starts.
     try:
         from ogm_mcmc.ros.replay import replay
     except ImportError as error:

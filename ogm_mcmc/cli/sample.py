@@ -14,6 +14,7 @@ import numpy as np
 from tqdm import tqdm
 
 from ogm_mcmc.cli.bag_scans import BagScans, read_bag
+from ogm_mcmc.cli.option_ranges import Range, check_options
 from ogm_mcmc.cli.options import (
     Subparsers,
     add_config_options,
@@ -35,15 +36,17 @@ from ogm_mcmc.config import (
     flatten,
     settings_of,
 )
-from ogm_mcmc.errors import OutputError, require
+from ogm_mcmc.errors import ConfigError, OutputError
 from ogm_mcmc.geometry import GridMap, GridSpec
-from ogm_mcmc.io.map_files import checked_name, load_grid, writable_folder
+from ogm_mcmc.io.map_files import checked_name, load_grid, makeable_folder, writable_folder
 from ogm_mcmc.refinement import Progress, Recording, Refinement, warm_up
 from ogm_mcmc.ros.settings import REFINE_CONFIGS
 
 __all__ = ['add_to']
 
 CONFIGS = (SamplerConfig, StopConfig, RecordingConfig, OutputConfig, PlacingConfig)
+
+RANGES = {'samples': Range(0), 'thin': Range(1), 'margin': Range(0, 0.5, below=True)}
 
 # A dotted name goes by its last part too, but where that says too little or something else.
 SHORT = {
@@ -73,7 +76,7 @@ def add_to(subparsers: Subparsers) -> None:
         '--samples', type=int, default=0, metavar='N', help='write so many whole maps as well'
     )
     parser.add_argument(
-        '--thin', type=int, default=10, metavar='T', help='sweeps between maps of one chain'
+        '--thin', type=int, metavar='T', help='sweeps between maps of one chain (default: 10)'
     )
     parser.add_argument(
         '--state',
@@ -98,13 +101,12 @@ def add_to(subparsers: Subparsers) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run the command."""
-    require(options.samples >= 0, 'samples', options.samples, 'expected 0 or more')
-    require(options.thin >= 1, 'thin', options.thin, 'expected at least 1')
-    require(0.0 <= options.margin < 0.5, 'margin', options.margin, 'expected 0 to below 0.5')
+    check_options(options, RANGES)
     chosen = _chosen(options)
+    _refuse_unused(options, chosen)
     # What cannot be saved is better said before the work than after it.
     checked_name(options.name)
-    writable_folder(options.folder)
+    makeable_folder(options.folder)
     if options.state is not None:
         _check_state_file(options.state)
     start = None if options.start_map is None else _on_lattice(load_grid(options.start_map))
@@ -144,6 +146,7 @@ def _run(
         'settings': _settings(options, chosen),
     }
     if options.state is not None:
+        writable_folder(options.state.parent)
         refinement.save(options.state)
         result['state'] = str(options.state)
     sampled = SampledMaps(refinement, maps, options.margin, options.thin)
@@ -174,6 +177,16 @@ def _chosen(options: argparse.Namespace) -> _Chosen:
     )
 
 
+def _refuse_unused(options: argparse.Namespace, chosen: _Chosen) -> None:
+    """Refuse options that change nothing; fill in a default."""
+    if options.thin is not None and options.samples == 0:
+        raise ConfigError('--thin: expected with --samples')
+    if options.thin is None:
+        options.thin = 10
+    if getattr(options, 'patch.prior_file') and chosen.sampler.patch.prior == 'uniform':
+        raise ConfigError('--prior-file: expected with --prior patch or border, not uniform')
+
+
 def _settings(options: argparse.Namespace, chosen: _Chosen) -> dict[str, Any]:
     return {
         **{name: value for config in chosen for name, value in flatten(config).items()},
@@ -186,7 +199,7 @@ def _settings(options: argparse.Namespace, chosen: _Chosen) -> dict[str, Any]:
 def _check_state_file(path: Path) -> None:
     if path.is_dir():
         raise OutputError(f'{path}: is a folder; expected a name for a file')
-    writable_folder(path.parent)
+    makeable_folder(path.parent)
 
 
 def _on_lattice(grid_map: GridMap) -> GridMap:

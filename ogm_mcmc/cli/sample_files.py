@@ -14,7 +14,7 @@ from ogm_mcmc.config import OutputConfig
 from ogm_mcmc.errors import OutputError
 from ogm_mcmc.geometry import CellBox, GridMap
 from ogm_mcmc.geometry.grid_map import entropy_bits
-from ogm_mcmc.io.map_files import save_map, save_npz
+from ogm_mcmc.io.map_files import save_map, save_npz, writable_folder
 from ogm_mcmc.io.sample_files import MapSamples, save_samples
 from ogm_mcmc.plotting import heat_png
 from ogm_mcmc.refinement import Refinement, hide_uncertain
@@ -61,6 +61,7 @@ def write_all(
         'origin': [mean.spec.origin_x_m, mean.spec.origin_y_m],
     }
     result.update(shape)
+    writable_folder(folder)
     with tempfile.TemporaryDirectory(dir=folder, prefix=f'.{name}-') as scratch:
         at = {kind: Path(scratch) / path.name for kind, path in paths.items()}
         layers = _layers(refinement, mean.spec.box)

@@ -14,18 +14,24 @@ from typing import Any, TypeVar
 import numpy as np
 from tqdm import tqdm
 
+from ogm_mcmc.cli.option_ranges import Range, check_options
 from ogm_mcmc.cli.options import Subparsers, add_json, print_result
-from ogm_mcmc.cli.simulated_sensor import add_sensor_options, sensor_from
+from ogm_mcmc.cli.simulated_sensor import add_sensor_options, check_sensor_options, sensor_from
+from ogm_mcmc.cli.simulated_world import (
+    add_world_options,
+    check_world_options,
+    exploration_from,
+    loaded,
+)
 from ogm_mcmc.config import OutputConfig
-from ogm_mcmc.errors import ConfigError, OutputError, require
+from ogm_mcmc.errors import OutputError
 from ogm_mcmc.geometry import GridMap, Pose2D
-from ogm_mcmc.io.map_files import save_map, writable_folder
+from ogm_mcmc.io.map_files import makeable_folder, save_map
 from ogm_mcmc.io.recording_bag import write_localized, write_recording
 from ogm_mcmc.io.sonar_bag import write_sonar_parameters, write_sonar_recording
-from ogm_mcmc.io.world_files import WORLD_NAMES, load_world, write_poses
+from ogm_mcmc.io.world_files import WORLD_NAMES, write_poses
 from ogm_mcmc.simulation import (
     Building,
-    Exploration,
     Lidar,
     LocalizedScan,
     SimulatedScan,
@@ -53,40 +59,22 @@ def add_to(subparsers: Subparsers) -> None:
     parser.add_argument('--overwrite', action='store_true', help='replace what exists')
     parser.add_argument('--seed', type=int, default=1, help='seed of the way and of the noise')
     add_sensor_options(parser)
-    grid = parser.add_argument_group('worlds of cells')
-    grid.add_argument('--world-seed', type=int, default=0, help='which of the generated buildings')
-    grid.add_argument(
-        '--resolution', type=float, default=0.05, help="m per pixel of an image; the true map's"
-    )
-    grid.add_argument('--unknown', choices=('occupied', 'free'), default='occupied')
-    grid.add_argument(
-        '--depth', type=float, default=0.5, help='of a reflection: 0 where the beam enters a cell'
-    )
-    grid.add_argument('--radius', type=float, default=0.25, help='of the robot, m')
-    grid.add_argument(
-        '--min-scans', type=int, default=0, help='stops; go on after all was covered'
-    )
-    grid.add_argument('--max-scans', type=int, default=1000, help='stops at most')
-    grid.add_argument(
-        '--localize', action='store_true', help='poses from odometry and a particle filter'
-    )
-    grid.add_argument('--particles', type=int, default=100, help='of a belief, in the bag')
+    add_world_options(parser)
     add_json(parser)
     parser.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:
     """Run the command."""
-    require(options.seed >= 0, 'seed', options.seed, 'expected 0 or more')
-    require(options.particles > 0, 'particles', options.particles, 'expected at least one')
-    require(options.world_seed >= 0, 'world_seed', options.world_seed, 'expected 0 or more')
-    require(0.0 <= options.depth <= 1.0, 'depth', options.depth, 'expected 0 to 1')
+    check_options(options, {'seed': Range(0)})
+    check_sensor_options(options)
+    check_world_options(options)
     sensor, truth, scans = _recording(options)
     output = options.output
     if not output.name:
         raise OutputError(f'{output}: expected the name of a bag')
     beside = _files_beside(options, sensor)
-    writable_folder(output.parent)
+    makeable_folder(output.parent)
     poses: dict[int, Pose2D] = {}
     with tqdm(scans, unit=' scans', desc='simulate', disable=None) as bar:
         count = _write_bag(options, _noted(bar, poses))
@@ -116,7 +104,11 @@ def _files_beside(options: argparse.Namespace, sensor: Lidar | SonarRing) -> dic
         suffixes['sonars'] = '_sonars.yaml'
     beside = {name: _beside(options.output, suffix) for name, suffix in suffixes.items()}
     for path in beside.values():
-        if path.is_dir() or (path.exists() and not options.overwrite):
+        if path.is_dir():
+            raise OutputError(f'{path}: is a folder; expected a name for a file')
+        if path.exists() and path.resolve() == Path(options.world).resolve():
+            raise OutputError(f'{path}: is the world itself; expected a new name')
+        if path.exists() and not options.overwrite:
             raise OutputError(f'{path}: exists already; expected a new name (or --overwrite)')
     return beside
 
@@ -142,30 +134,16 @@ def _recording(
     options: argparse.Namespace,
 ) -> tuple[Lidar | SonarRing, GridMap, Iterator[Any]]:
     """Return the sensor, the true map and the scans to come."""
-    world = load_world(
-        options.world,
-        resolution_m=options.resolution,
-        unknown_occupied=options.unknown == 'occupied',
-        world_seed=options.world_seed,
-    )
+    world = loaded(options)
     cell_m = options.resolution if isinstance(world, Building) else world.spec.resolution_m
     sensor = sensor_from(options, cell_m)
     rng = np.random.default_rng(options.seed)
     if isinstance(world, Building):
-        if options.localize:
-            raise ConfigError(f'--localize: expected a world of cells, not {options.world}')
-        if not options.resolution > 0.0:
-            raise ConfigError(f'resolution is {options.resolution}: must be positive')
         truth = rasterised(world, options.resolution)
         if isinstance(sensor, SonarRing):
             return sensor, truth, record_with_sonars(world, sensor, rng)
         return sensor, truth, record(world, sensor, rng)
-    exploration = Exploration(
-        reach=sensor.range_max_m / cell_m,
-        radius=options.radius / cell_m,
-        min_stops=options.min_scans,
-        max_stops=max(options.max_scans, options.min_scans),
-    )
+    exploration = exploration_from(options, sensor.range_max_m, cell_m)
     depth = options.depth
     if isinstance(sensor, SonarRing):
         scans = record_exploration_with_sonars(world, sensor, exploration, rng, depth=depth)

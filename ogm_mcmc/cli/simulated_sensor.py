@@ -6,13 +6,34 @@ import argparse
 import math
 from typing import Any
 
+from ogm_mcmc.cli.option_ranges import Range, check_options, is_given, option_name, refused
 from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.simulation import Lidar, SonarRing
 
-__all__ = ['add_sensor_options', 'sensor_from']
+__all__ = ['FURTHEST_M', 'add_sensor_options', 'check_sensor_options', 'sensor_from']
 
 # What only one of the two has, by the option's name.
 OWN = {'beams': 'lidar', 'localize': 'lidar', 'sonars': 'sonar', 'ring_radius': 'sonar'}
+
+FURTHEST_M = 100_000.0
+
+RANGES = {
+    'beams': Range(1, 100_000),
+    'sonars': Range(1, 1000),
+    'ring_radius': Range(0, 10, 'm'),
+    'range_max': Range(0, FURTHEST_M, 'm'),
+    'range_min': Range(0, FURTHEST_M, 'm'),
+    'noise': Range(0, FURTHEST_M, 'm'),
+    'noise_cells': Range(0, FURTHEST_M, 'cells'),
+    'dropout': Range(0, 1, below=True),
+    'clutter': Range(0, 1, below=True),
+}
+
+# Angles between beams that a LaserScan can hold.
+VIEWS = {
+    'lidar': Range(0.001, 360, 'degrees'),
+    'sonar': Range(0.001, 180, 'degrees', below=True),
+}
 
 
 def add_sensor_options(parser: argparse.ArgumentParser) -> None:
@@ -51,12 +72,25 @@ def add_sensor_options(parser: argparse.ArgumentParser) -> None:
     both('--clutter', 'clutter', 'share of arbitrary readings')
 
 
-def sensor_from(options: argparse.Namespace, cell_m: float) -> Lidar | SonarRing:
-    """Make the sensor. Raises ConfigError for an option of the other one or a refused value."""
+def check_sensor_options(options: argparse.Namespace) -> None:
+    """Raise ConfigError for an option of the other sensor or a value that cannot be."""
     for name, sensor in OWN.items():
-        if getattr(options, name) not in (None, False) and sensor != options.sensor:
-            option = f'--{name.replace("_", "-")}'
-            raise ConfigError(f'{option}: expected with --sensor {sensor}, not {options.sensor}')
+        if is_given(options, name) and sensor != options.sensor:
+            expected = f'expected with --sensor {sensor}, not {options.sensor}'
+            raise ConfigError(f'{option_name(name)}: {expected}')
+    check_options(options, {**RANGES, 'field_of_view': VIEWS[options.sensor]})
+    default = SonarRing() if options.sensor == 'sonar' else Lidar()
+    nearest = default.range_min_m if options.range_min is None else options.range_min
+    furthest = default.range_max_m if options.range_max is None else options.range_max
+    if nearest < furthest:
+        return
+    if options.range_max is not None:
+        raise refused('range_max', furthest, f'expected more than --range-min ({nearest:g} m)')
+    raise refused('range_min', nearest, f'expected less than --range-max ({furthest:g} m)')
+
+
+def sensor_from(options: argparse.Namespace, cell_m: float) -> Lidar | SonarRing:
+    """Make the sensor from options that were checked."""
     values: dict[str, Any] = {
         'field_of_view_rad': options.field_of_view,
         'range_min_m': options.range_min,

@@ -171,7 +171,15 @@ def _arguments(cls: type, values: Mapping[str, Any], prefix: str) -> dict[str, A
         if dataclasses.is_dataclass(hints[item.name]):
             nested = _arguments(hints[item.name], values, f'{name}.')
             example: Any = item.default
-            arguments[item.name] = dataclasses.replace(example, **nested)
+            try:
+                arguments[item.name] = dataclasses.replace(example, **nested)
+            except ConfigError as error:
+                # A nested class knows its settings by the last part of their names.
+                setting_of = str(error).partition(' is ')[0]
+                known = {leaf.name for leaf in settings_of(hints[item.name])}
+                if setting_of not in known:
+                    raise
+                raise ConfigError(f'{name}.{error}') from error
         elif name in values:
             arguments[item.name] = values[name]
     return arguments

@@ -191,10 +191,10 @@ class BagWriter:
     def __init__(self, path: Path, *, overwrite: bool = False) -> None:
         self.path = path
         self.overwrite = overwrite
+        if path.exists() and not (path / 'metadata.yaml').exists():
+            raise OutputError(f'{path}: exists and is no rosbag2; expected a new name')
         if path.exists() and not overwrite:
             raise OutputError(f'{path}: exists already; expected a new name (or --overwrite)')
-        if path.exists() and not (path / 'metadata.yaml').exists():
-            raise OutputError(f'{path}: exists and is no rosbag2; not overwriting it')
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._folder = Path(tempfile.mkdtemp(dir=path.parent, prefix=f'.{path.name}-'))

@@ -33,6 +33,7 @@ __all__ = [
     'load_grid',
     'load_map',
     'load_npz',
+    'makeable_folder',
     'replacing',
     'save_map',
     'save_npz',
@@ -99,6 +100,22 @@ def folder_to_fill(path: Path) -> Iterator[Path]:
         with contextlib.suppress(OSError):
             for one in new:
                 one.rmdir()
+
+
+def makeable_folder(path: Path) -> Path:
+    """Check that `writable_folder` will succeed, without making any: work may fail before.
+
+    Raises OutputError.
+    """
+    there = path
+    while not there.exists() and there != there.parent:
+        there = there.parent
+    try:
+        with tempfile.TemporaryFile(dir=there):
+            pass
+    except OSError as error:
+        raise OutputError(f'{there}: expected a writable folder ({error.strerror})') from error
+    return path
 
 
 def checked_name(name: str) -> str:

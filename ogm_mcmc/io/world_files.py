@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import math
-import re
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -16,7 +15,7 @@ from ogm_mcmc.geometry import GridMap, GridSpec, Pose2D
 from ogm_mcmc.io.map_files import load_grid, replacing
 from ogm_mcmc.simulation import FLOOR_PLANS, WORLDS, Building, GridWorld, generate_floor
 
-__all__ = ['WORLD_NAMES', 'load_image', 'load_world', 'write_poses']
+__all__ = ['WORLD_NAMES', 'load_image', 'load_world', 'world_kind', 'write_poses']
 
 WORLD_NAMES = (*sorted(WORLDS), *(f'building-{k + 1}' for k in range(len(FLOOR_PLANS))))
 
@@ -24,6 +23,20 @@ MAP_SUFFIXES = ('.yaml', '.yml', '.npz')
 
 # As nav2 has it: darker than this is occupied, lighter than that is free.
 OCCUPIED_FROM, FREE_TO = 0.65, 0.196
+
+
+def world_kind(name: str) -> str:
+    """Return of which kind a world is: `walls`, `building` (generated), `map` or `image`.
+
+    Raises MapFileError for one that is neither known by name nor a file.
+    """
+    if name in WORLD_NAMES:
+        return 'walls' if name in WORLDS else 'building'
+    if not name or not Path(name).exists():
+        raise MapFileError(
+            f'world {name!r}: expected {", ".join(WORLD_NAMES)}, or a map YAML, NPZ or image'
+        )
+    return 'map' if Path(name).suffix in MAP_SUFFIXES else 'image'
 
 
 def load_world(
@@ -37,18 +50,12 @@ def load_world(
 
     `resolution_m` is the side of an image's pixels. Raises MapFileError.
     """
-    if name in WORLDS:
+    kind, path = world_kind(name), Path(name)
+    if kind == 'walls':
         return WORLDS[name]()
-    generated = re.fullmatch(r'building-(\d+)', name)
-    if generated and name in WORLD_NAMES:
-        return generate_floor(int(generated[1]), world_seed)
-    path = Path(name)
-    if not path.exists():
-        raise MapFileError(
-            f'world {name!r}: expected {", ".join(WORLD_NAMES)}, or a map YAML, NPZ or image'
-        )
-    is_map = path.suffix in MAP_SUFFIXES
-    grid_map = load_grid(path) if is_map else load_image(path, resolution_m)
+    if kind == 'building':
+        return generate_floor(int(name.partition('-')[2]), world_seed)
+    grid_map = load_grid(path) if kind == 'map' else load_image(path, resolution_m)
     world = GridWorld.from_map(grid_map, unknown_occupied=unknown_occupied)
     if world.occupied.all():
         raise MapFileError(f'{path}: no free cell in it; expected some')

@@ -194,7 +194,7 @@ def _random_start(world: GridWorld, radius: float, rng: np.random.Generator) -> 
     if roomy.size == 0:
         raise ConfigError(
             f'world of {world.spec.width} x {world.spec.height} cells: expected a free place '
-            f'with {radius:g} cells of room for the robot'
+            f'with {radius * world.spec.resolution_m:g} m of room for the robot'
         )
     distances = np.empty(world.occupied.shape, np.int32)
     queue = np.empty(world.occupied.size, np.int32)

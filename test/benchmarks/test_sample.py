@@ -129,10 +129,13 @@ def test_from_the_command_line(run_cli, office_bag):
 @pytest.mark.parametrize(
     ('arguments', 'reason'),
     [
-        (['--sweeps', '0'], 'sweeps is 0'),
-        (['--warm-up', '-1'], 'warm_up is -1'),
-        (['--cell-prior', '1'], 'prior is 1.0'),
-        (['--resolution', '0'], 'resolution is 0.0'),
+        (['--sweeps', '0'], '--sweeps is 0: expected 1 or more'),
+        (['--warm-up', '-1'], '--warm-up is -1: expected 0 or more'),
+        (['--cell-prior', '1'], '--cell-prior is 1: expected'),
+        (['--resolution', '0'], '--resolution is 0: expected 0.001 to 10 m'),
+        (['--resolution', '0.1'], '--resolution: expected with a BAG'),
+        (['--no-return', 'clear'], '--no-return: expected with a BAG'),
+        (['--pose-topic', '/none'], '--pose-topic: expected with a BAG'),
         (['--scene', 'nowhere.npz'], 'expected an NPZ'),
     ],
     ids=lambda value: ' '.join(value) if isinstance(value, list) else '',

@@ -36,3 +36,21 @@ def test_the_command(capsys):
     assert result['beams']['ns_per_cell'] > 0.0
     assert run(['bench', 'simulate', '--world', 'office']) == 2
     assert 'made of cells' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'reason'),
+    [
+        (['--scans', '0'], '--scans is 0: expected 1 to'),
+        (['--beams', '0'], '--beams is 0: expected 1 to 100000'),
+        (['--repeats', '0'], '--repeats is 0: expected 1 or more'),
+        (['--seed', '-1'], '--seed is -1: expected 0 or more'),
+        (['--range-max', '0.05'], '--range-max is 0.05: expected more than 0.1 m'),
+        (['--range-max', 'nan'], '--range-max is nan: expected 0 to'),
+        (['--range-max', '20000'], '--range-max is 20000: expected 0.1 to below 10000 m'),
+    ],
+    ids=lambda value: ' '.join(value) if isinstance(value, list) else '',
+)
+def test_a_mistake_is_said_of_the_option(capsys, arguments, reason):
+    assert run(['bench', 'simulate', *arguments]) == 2
+    assert reason in capsys.readouterr().err

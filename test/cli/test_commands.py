@@ -153,11 +153,53 @@ def write_scan_only_bag(path):
         (['info', 'notes.txt'], 'notes.txt'),
         (['replay', 'nowhere'], 'nowhere: no such file or folder'),
         (['bench', 'online', '--scene', 'notes.txt'], 'expected an NPZ'),
-        (['bench', 'online', '--pose-sigma', '-1'], 'pose_sigma is -1.0'),
+        (['bench', 'online', '--pose-sigma', '-1'], '--pose-sigma is -1: expected'),
+        (
+            ['bench', 'online', '--yaw-sigma', '1e9'],
+            '--yaw-sigma is 1000000000: expected 0 to 1000',
+        ),
+        (['bench', 'online', '--repeats', '0'], '--repeats is 0: expected 1 or more'),
+        (['bench', 'online', '--resolution', '0.3'], '--resolution: expected with a BAG'),
+        (['bench', 'online', '--scan-topic', '/none'], '--scan-topic: expected with a BAG'),
+        (['bench', 'online', '--scene', 'empty.npz'], 'empty.npz: expected an NPZ'),
+        (['bench', 'online', '--scene', 'cut.npz'], 'cut.npz: expected an NPZ'),
+        (
+            ['import-carmen', 'ok.log', '-o', 'out', '--range-max', '1e300'],
+            '--range-max is 1e+300',
+        ),
+        (['import-carmen', 'ok.log', '-o', 'out', '--range-max', 'nan'], '--range-max is nan'),
+        (['import-carmen', 'ok.log', '-o', 'out', '--particles', '-1'], '--particles is -1'),
+        (['import-carmen', 'ok.log', '-o', 'out', '--repeat-step', '0'], '--repeat-step is 0'),
+        (
+            ['import-stata', '{bag}', '--poses', 'p', '-o', 'out', '--time-offset', '1e300'],
+            '--time-offset is 1e+300: expected',
+        ),
+        (
+            ['import-stata', '{bag}', '--poses', 'p', '-o', 'out', '--offset-x', '1e300'],
+            '--offset-x is 1e+300: expected -100 to 100 m',
+        ),
+        (
+            ['import-stata', '{bag}', '--poses', 'p', '-o', 'out', '--max-pose-gap', '0'],
+            '--max-pose-gap is 0: expected',
+        ),
+        (
+            ['import-stata', '{bag}', '--poses', 'p', '-o', '{bag}', '--overwrite'],
+            'is the bag to read; expected a new name',
+        ),
+        (
+            ['import-stata', '{bag}', '--poses', 'p', '-o', 'out', '--odometry-topic', '/none'],
+            'no odometry in it on /none',
+        ),
+        (
+            ['import-carmen', 'ok.log', '-o', 'notes.txt'],
+            'notes.txt: exists and is no rosbag2; expected a new name',
+        ),
+        (['replay', '{bag}', '--rate', '-1'], 'error: rate is -1.0: expected a number from 0'),
+        (['map', 'nowhere', '-o', 'a/new/out'], 'nowhere'),
         (['map', '{bag}', '-o', 'out', '--method', 'sonar'], 'no ranges in it'),
         (['map', '{bag}', '-o', 'out', '--mount.frames', 'a 1'], 'mount.frames'),
         (['simulate', 'moon', '-o', 'out'], 'moon'),
-        (['simulate', 'office', '-o', 'out', '--seed', '-1'], 'seed is -1'),
+        (['simulate', 'office', '-o', 'out', '--seed', '-1'], '--seed is -1'),
         (['demo', 'nowhere.log'], 'nowhere.log'),
         ([], 'COMMAND'),
     ],
@@ -168,13 +210,16 @@ def test_a_mistake_is_one_line_and_leaves_nothing(
 ):
     (tmp_path / 'notes.txt').write_text('nothing of use\n')
     (tmp_path / 'typo.yaml').write_text('/**:\n  ros__parameters:\n    resolutoin: 0.2\n')
+    (tmp_path / 'ok.log').write_text(CARMEN)
+    (tmp_path / 'empty.npz').write_bytes(b'')
+    (tmp_path / 'cut.npz').write_bytes(b'PK\x03\x04 and no more')
     (tmp_path / 'cut.log').write_text(CARMEN[:-40])
     write_scan_only_bag(tmp_path / 'scans_only')
     before = sorted(tmp_path.rglob('*'))
     done = run_cli(*(argument.format(bag=office_bag) for argument in arguments))
     assert reason in error_of(done)
     left = [path for path in sorted(tmp_path.rglob('*')) if path not in before]
-    assert [path for path in left if path.is_file()] == []
+    assert left == []
 
 
 def test_an_existing_bag_is_not_overwritten_by_accident(run_cli, tmp_path):

@@ -8,10 +8,12 @@ import pytest
 from PIL import Image
 
 from ogm_mcmc.cli.main import run
+from ogm_mcmc.cli.simulated_world import CELLS, check_cells
+from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.io.bags import BagReader
 from ogm_mcmc.io.map_files import load_map
 from ogm_mcmc.io.scan_stream import PlacedScans, StreamChoice, choose_topics
-from ogm_mcmc.simulation import GridWorld
+from ogm_mcmc.simulation import Exploration, GridWorld
 
 
 def command(capsys, *arguments):
@@ -127,17 +129,62 @@ def test_believed_poses(tmp_path, capsys):
     [
         (['moon'], "world 'moon': expected office, building-1"),
         (['notes.png'], 'expected a readable image'),
-        (['office', '--beams', '0'], 'beams is 0'),
-        (['office', '--seed', '-1'], 'seed is -1'),
-        (['office', '--resolution', '0'], 'resolution is 0'),
-        (['building-1', '--clutter', '2'], 'clutter is 2'),
-        (['building-1', '--range-max', '0.01'], 'range_max is 0.01'),
-        (['building-1', '--radius', '90'], 'radius is 900'),
-        (['building-1', '--depth', '2'], 'depth is 2'),
+        (['office', '--beams', '0'], '--beams is 0: expected 1 to 100000'),
+        (['office', '--seed', '-1'], '--seed is -1: expected 0 or more'),
+        (['office', '--resolution', '0'], '--resolution is 0: expected 0.002 to 10 m'),
+        (['building-1', '--clutter', '2'], '--clutter is 2: expected 0 to below 1'),
+        (
+            ['building-1', '--range-max', '0.01'],
+            '--range-max is 0.01: expected more than --range-min',
+        ),
+        (['building-1', '--radius', '90'], '--radius is 90: expected 0 to 10 m (0 to 100 cells'),
+        (['building-1', '--depth', '2'], '--depth is 2: expected 0 to 1'),
         (['building-1', '--noise', '1', '--noise-cells', '1'], 'not allowed with'),
-        (['office', '--localize'], 'expected a world of cells'),
-        (['building-1', '--particles', '0'], 'particles is 0'),
-        (['building-1', '--max-scans', '0'], 'max_stops is 0'),
+        (['office', '--localize'], '--localize: expected with a world of cells, not office'),
+        (['building-1', '--localize', '--particles', '0'], '--particles is 0: expected 1 to'),
+        (['building-1', '--max-scans', '-3'], '--max-scans is -3: expected 1 or more'),
+        (['building-1', '--min-scans', '-3'], '--min-scans is -3: expected 0 or more'),
+        (
+            ['building-1', '--min-scans', '8', '--max-scans', '2'],
+            'expected at most --max-scans (2)',
+        ),
+        (['building-1', '--min-scans', '1001'], '--min-scans is 1001: expected at most'),
+        (['building-1', '--radius', '-1'], '--radius is -1: expected 0 to 10 m'),
+        (['building-1', '--radius', 'nan'], '--radius is nan: expected 0 to 10 m'),
+        (['building-1', '--radius', '9'], 'expected a free place with 9 m of room'),
+        (
+            ['building-1', '--range-max', '1e9'],
+            '--range-max is 1000000000: expected 0 to 100000 m',
+        ),
+        (
+            ['building-1', '--range-max', '20000'],
+            '--range-max is 20000: expected 0.1 to below 10000 m',
+        ),
+        (['building-1', '--range-min', '50'], '--range-min is 50: expected less than --range-max'),
+        (['building-1', '--range-min', '-1'], '--range-min is -1: expected 0 to'),
+        (['office', '--range-max', '1e300'], '--range-max is 1e+300: expected'),
+        (['office', '--noise', '1e308'], '--noise is 1e+308: expected'),
+        (['office', '--noise-cells', 'nan'], '--noise-cells is nan: expected 0 to 100000 cells'),
+        (
+            ['office', '--field-of-view', '720'],
+            '--field-of-view is 720: expected 0.001 to 360 deg',
+        ),
+        (['office', '--resolution', '1e-6'], '--resolution is 1e-06: expected'),
+        (['building-1', '--localize', '--particles', '1000000000'], '--particles is 1000000000'),
+        (
+            ['office', '--max-scans', '5'],
+            '--max-scans: expected with a world of cells, not office',
+        ),
+        (['office', '--min-scans', '9'], '--min-scans: expected with a world of cells'),
+        (['office', '--radius', '0.25'], '--radius: expected with a world of cells'),
+        (['office', '--depth', '0.5'], '--depth: expected with a world of cells'),
+        (['office', '--unknown', 'free'], '--unknown: expected with a map'),
+        (['office', '--world-seed', '0'], '--world-seed: expected with building-1 to building-10'),
+        (['hall.yaml', '--world-seed', '1'], '--world-seed: expected with building-1'),
+        (['hall.yaml', '--resolution', '0.1'], '--resolution: expected with office or an image'),
+        (['building-9', '--resolution', '-1'], '--resolution: expected with office or an image'),
+        (['building-9', '--unknown', 'free'], '--unknown: expected with a map YAML'),
+        (['building-9', '--particles', '9'], '--particles: expected with --localize'),
     ],
     ids=lambda value: ' '.join(value) if isinstance(value, list) else '',
 )
@@ -146,12 +193,13 @@ def test_a_mistake_is_one_line_and_leaves_nothing(
 ):
     monkeypatch.chdir(tmp_path)
     (tmp_path / 'notes.png').write_text('nothing of use')
+    (tmp_path / 'hall.yaml').write_text('nothing either')
     code, _, err = command(capsys, 'simulate', *arguments, '-o', 'bag')
     assert code == 2
     lines = [line for line in err.splitlines() if 'error' in line]
     assert len(lines) == 1
     assert reason in lines[0]
-    assert [path.name for path in tmp_path.iterdir()] == ['notes.png']
+    assert {path.name for path in tmp_path.iterdir()} == {'notes.png', 'hall.yaml'}
 
 
 @pytest.mark.jit
@@ -164,3 +212,48 @@ def test_the_truth_of_another_recording_is_not_overwritten(tmp_path, capsys):
     again = ('simulate', 'building-9', '-o', tmp_path / 'bag', *few, '--overwrite')
     assert command(capsys, *again)[0] == 0
     assert command(capsys, *again)[0] == 0
+
+
+@pytest.mark.parametrize('overwrite', [[], ['--overwrite']])
+def test_a_folder_in_the_way_cannot_be_overwritten(tmp_path, capsys, overwrite):
+    (tmp_path / 'bag_truth.yaml').mkdir()
+    few = ('--max-scans', 1, '--beams', 4)
+    code, _, err = command(
+        capsys, 'simulate', 'building-9', '-o', tmp_path / 'bag', *few, *overwrite
+    )
+    assert code == 2
+    assert 'bag_truth.yaml: is a folder; expected a name for a file' in err
+    assert '--overwrite' not in err
+
+
+@pytest.mark.jit
+def test_the_world_is_not_overwritten_with_its_truth(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    few = ('-o', 'bag', '--max-scans', 1, '--beams', 4)
+    assert command(capsys, 'simulate', 'building-9', *few)[0] == 0
+    held = (tmp_path / 'bag_truth.yaml').read_bytes()
+    world = tmp_path / 'bag_truth.yaml'
+    code, _, err = command(capsys, 'simulate', world, *few, '--overwrite')
+    assert code == 2
+    assert 'bag_truth.yaml: is the world itself' in err
+    assert world.read_bytes() == held
+
+
+@pytest.mark.parametrize('name', CELLS)
+@pytest.mark.parametrize('end', ['low', 'high'])
+def test_cells_are_what_a_robot_can_do(name, end):
+    """What passes is taken by `Exploration`, and just beyond is not."""
+    allowed = CELLS[name]
+    limit = getattr(allowed, end)
+    beyond = np.nextafter(limit, -np.inf if end == 'low' else np.inf)
+    field = {'radius': 'radius', 'range_max': 'reach'}[name]
+    for value in (limit, beyond, np.nextafter(limit, 5.0)):
+        try:
+            Exploration(**{field: float(value)})
+        except ConfigError:
+            assert not allowed.holds(float(value))
+            with pytest.raises(ConfigError, match=r'^--.* cells of 1 m'):
+                check_cells(name, float(value), 1.0)
+        else:
+            assert allowed.holds(float(value))
+            check_cells(name, float(value), 1.0)

@@ -10,6 +10,7 @@ from ogm_mcmc import config as config_module
 from ogm_mcmc.config import (
     MapperConfig,
     OutputConfig,
+    SamplerConfig,
     StepModelConfig,
     add_arguments,
     build,
@@ -143,6 +144,11 @@ def test_build_and_flatten_round_trip(values):
 def test_nested_names_reach_the_nested_class():
     built = build(MapperConfig, {'step.l_occ': 2.0})
     assert built.step == StepModelConfig(l_occ=2.0)
+
+
+def test_a_refused_nested_value_goes_by_its_whole_name():
+    with pytest.raises(ConfigError, match=r'^chain\.prior is 0\.0: expected a number from'):
+        build(SamplerConfig, {'chain.prior': 0.0})
 
 
 def test_an_unknown_name_is_refused_with_the_known_ones():

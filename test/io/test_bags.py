@@ -186,7 +186,7 @@ def test_writer_refuses_what_exists(tmp_path, write_bag, recording):
     photos = tmp_path / 'photos'
     photos.mkdir()
     for other in (photos, write_bag(recording, 'ros1')):
-        with pytest.raises(OutputError, match='no rosbag2; not overwriting'):
+        with pytest.raises(OutputError, match='no rosbag2; expected a new name'):
             BagWriter(other, overwrite=True)
     with BagReader(path) as bag:
         assert bag.message_count == 12

@@ -178,7 +178,7 @@ def test_other_mistakes(pr2, poses_file, tmp_path):
     with pytest.raises(LogError, match='expected a readable pose file'):
         import_stata(bag, tmp_path / 'nowhere', tmp_path / 'out')
     (tmp_path / 'out').mkdir()
-    with pytest.raises(OutputError, match='exists already'):
+    with pytest.raises(OutputError, match='exists and is no rosbag2; expected a new name'):
         import_stata(bag, csv, tmp_path / 'out')
     for wrong in ({'time_offset_s': math.nan}, {'max_pose_gap_s': 0.0}):
         with pytest.raises(ConfigError):
