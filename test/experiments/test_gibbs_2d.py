@@ -123,3 +123,49 @@ def test_one_set(monkeypatch):
     assert result['mcmc_live'] < result['mcmc_truth']
     assert all(np.isfinite(result[name]) for name in ('truth_mcmc', 'live_mcmc', 'mcmc_truth'))
     assert result['seconds_per_sweep'] < 1.0
+
+
+def fake_score(building, run, seed, noise_cells, beams):
+    """Values whose means tell them apart; [gibbs] did a hundred data sets."""
+    return {
+        'mcmc_truth': 1000.0 * building,
+        'truth_mcmc': 2000.0 * building,
+        'mcmc_live': 10.0 * run,
+        'live_mcmc': 20.0 * run,
+        'truth_live': 30.0 * run,
+        'burn_in': {'0.15': run, '0.5': 100 + run},
+        'behind_truth': float(building - run),
+        'seconds_per_sweep': 0.01 * building,
+        'scans': 50,
+        'pairs': 1000,
+    }
+
+
+@pytest.mark.parametrize('quick', [False, True])
+def test_numbers_of_section_iv_b(tmp_path, monkeypatch, quick):
+    monkeypatch.setenv('OGM_MCMC_WORKERS', '1')
+    monkeypatch.setattr(gibbs_2d, 'score', fake_score)
+    monkeypatch.setattr(gibbs_2d, 'simulated_set', lambda *_, **__: room())
+    monkeypatch.setattr(gibbs_2d, 'SWEEPS', 20)
+    monkeypatch.setattr(gibbs_2d, 'SAMPLES', 10)
+    monkeypatch.setattr('ogm_mcmc.experiments.gibbs_figures.CLOSEUP_CELLS', 0)
+    result = gibbs_2d.run(tmp_path, quick=quick, seed=1)
+    rows = {line['what']: (line['ours'], line['published']) for line in result['rows']}
+    # Buildings 1 to 10 and runs 1 to 10; or buildings 1, 3, 5, 7, 9 and run 1.
+    building, of_runs = (5.0, 1.0) if quick else (5.5, 5.5)
+    assert rows == {
+        'D(MCMC, truth)': (pytest.approx(1000.0 * building), 8.8e5),
+        'D(truth, MCMC)': (pytest.approx(2000.0 * building), 8.8e5),
+        'D(MCMC, two-assumption)': (pytest.approx(10.0 * of_runs), 6.3e3),
+        'D(two-assumption, MCMC)': (pytest.approx(20.0 * of_runs), 6.3e3),
+        'D(truth, two-assumption)': (pytest.approx(30.0 * of_runs), None),
+        'sweeps of burn-in, prior 0.15': (of_runs, 'less than 20'),
+        'sweeps of burn-in, prior 0.5': (100 + of_runs, 'in excess of 200'),
+        'log posterior below that of a chain from the truth': (building - of_runs, None),
+        'seconds a sweep': (pytest.approx(0.01 * building), 53.0),
+    }
+    assert result['settings']['data_sets'] == (5 if quick else 100)
+    assert {path.name for path in tmp_path.glob('*.png')} == set(result['pictures'])
+    parts = {path.stem.rpartition('_')[0] for path in (tmp_path / 'datasets').iterdir()}
+    assert len(parts) == (5 if quick else 100)
+    assert 'map09_run01' in parts

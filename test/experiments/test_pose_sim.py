@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from ogm_mcmc.evaluation import confusion_counts
 from ogm_mcmc.experiments import pose_sim
 from ogm_mcmc.geometry import Pose2D, PoseBelief, PoseSamples
 from ogm_mcmc.plotting.grids import BOTTOM, LEFT, LEGEND, RIGHT, TOP
@@ -66,3 +67,61 @@ def test_figure_2_spreads_what_is_known(tmp_path):
     # Free, unknown, occupied, in a map as the paper shows it; much in between in the other.
     assert shades['fig2_exact.png'] == {253, 127, 1}
     assert len(shades['fig2_uncertain.png']) > 50
+
+
+# Two walls and two free cells; the area under ROC is the share of pairs in the right order.
+ORDERED, HALF_ORDERED, REVERSED = (0.9, 0.8, 0.2, 0.1), (0.9, 0.3, 0.6, 0.1), (0.3, 0.2, 0.6, 0.7)
+SCORES = {
+    ('good filter', pose_sim.WITHOUT): (HALF_ORDERED, 0.75),
+    ('good filter', pose_sim.WITH): (ORDERED, 1.0),
+    ('good filter', pose_sim.EXACT): (ORDERED, 1.0),
+    ('poor filter', pose_sim.WITHOUT): (REVERSED, 0.0),
+    ('poor filter', pose_sim.WITH): (HALF_ORDERED, 0.75),
+    ('poor filter', pose_sim.EXACT): (ORDERED, 1.0),
+}
+
+
+def fake_score(building, run, which, seed):
+    methods = {}
+    for place, method in enumerate((pose_sim.WITHOUT, pose_sim.WITH, pose_sim.EXACT)):
+        probability = np.array(SCORES[which, method][0])
+        counts = confusion_counts(probability, np.arange(4) < 2, pose_sim.THRESHOLDS)
+        methods[method] = {
+            'true_positives': counts.true_positives.astype(int).tolist(),
+            'false_positives': counts.false_positives.astype(int).tolist(),
+            'positives': counts.positives,
+            'negatives': counts.negatives,
+            'brier': 0.1 * place + 0.01 * run + (0.3 if which == 'poor filter' else 0.0),
+        }
+    error = {2: 0.3, 5: 0.4, 8: 0.5}[building] * (2.0 if which == 'poor filter' else 1.0)
+    return {'methods': methods, 'error_m': error, 'claimed_m': 0.5 * error, 'scans': 9}
+
+
+@pytest.mark.jit
+def test_rows_and_pictures(tmp_path, monkeypatch):
+    """[pose] prints no numbers: every row is ours alone, of its own filter and method."""
+    monkeypatch.setenv('OGM_MCMC_WORKERS', '1')
+    monkeypatch.setattr(pose_sim, 'score', fake_score)
+    monkeypatch.setattr(pose_sim, 'FIG_2_SAMPLES', 40)
+    result = pose_sim.run(tmp_path, quick=True, seed=1)
+    rows = {line['what']: line['ours'] for line in result['rows']}
+    assert len(rows) == len(result['rows']) == 2 * (3 * 3 + 2) + 2
+    assert all(line['published'] is None for line in result['rows'])
+    for (which, method), (_, area) in SCORES.items():
+        place = (pose_sim.WITHOUT, pose_sim.WITH, pose_sim.EXACT).index(method)
+        more = 0.3 if which == 'poor filter' else 0.0
+        assert rows[f'{which}, {method}: ROC area'] == pytest.approx(area)
+        assert rows[f'{which}, {method}: Brier score'] == pytest.approx(0.1 * place + 0.01 + more)
+        # Everything called occupied: two of four are.
+        least = {1.0: 1.0, 0.75: 0.8, 0.0: 2 / 3}[area]
+        assert rows[f'{which}, {method}: best F1'] == pytest.approx(least)
+    root = np.sqrt(np.mean(np.square((0.3, 0.4, 0.5))))
+    for which, times in (('good filter', 1.0), ('poor filter', 2.0)):
+        assert rows[f'{which}: error of the likeliest pose, m'] == pytest.approx(times * root)
+        assert rows[f'{which}: claimed by the particles, m'] == pytest.approx(0.5 * times * root)
+    assert result['settings']['data_sets'] == 6
+    assert {path.name for path in tmp_path.glob('*.png')} == set(result['pictures'])
+    parts = {path.stem.rpartition('_')[0] for path in (tmp_path / 'datasets').iterdir()}
+    assert parts == {
+        f'map{building:02d}_run01_{which}' for building in (2, 5, 8) for which in ('good', 'poor')
+    }
