@@ -148,7 +148,7 @@ def test_numbers_of_section_iv_b(tmp_path, monkeypatch, quick):
     monkeypatch.setattr(gibbs_2d, 'simulated_set', lambda *_, **__: room())
     monkeypatch.setattr(gibbs_2d, 'SWEEPS', 20)
     monkeypatch.setattr(gibbs_2d, 'SAMPLES', 10)
-    monkeypatch.setattr('ogm_mcmc.experiments.gibbs_figures.CLOSEUP_CELLS', 0)
+    monkeypatch.setattr('ogm_mcmc.experiments.gibbs_figures.CLOSEUP_CELLS', 1)
     result = gibbs_2d.run(tmp_path, quick=quick, seed=1)
     rows = {line['what']: (line['ours'], line['published']) for line in result['rows']}
     # Buildings 1 to 10 and runs 1 to 10; or buildings 1, 3, 5, 7, 9 and run 1.
