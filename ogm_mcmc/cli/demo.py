@@ -27,7 +27,7 @@ from ogm_mcmc.cli.demo_input import DemoInput, prepare
 from ogm_mcmc.cli.options import Subparsers, add_config_options, config_from, print_result
 from ogm_mcmc.config import MapperConfig, StopConfig, given
 from ogm_mcmc.errors import BagError, ConfigError, OgmError
-from ogm_mcmc.io.map_files import writable_folder
+from ogm_mcmc.io.map_files import folder_to_fill
 from ogm_mcmc.io.map_sheet import save_side_by_side
 
 __all__ = ['add_to']
@@ -70,8 +70,10 @@ def run(options: argparse.Namespace) -> int:
     # Wrong values are refused before anything starts.
     config_from(options, MapperConfig)
     StopConfig(max_time=options.sampling_time)
-    folder = writable_folder(options.folder).absolute()
-    with tempfile.TemporaryDirectory(prefix='ogm_mcmc-') as scratch:
+    with (
+        folder_to_fill(options.folder.absolute()) as folder,
+        tempfile.TemporaryDirectory(prefix='ogm_mcmc-') as scratch,
+    ):
         source = prepare(options.input, folder)
         os.environ.update(
             {

@@ -160,7 +160,9 @@ def _run(of: HardwareSet, folder: Path, *, quick: bool, seed: int) -> dict[str, 
 def depends_on(scans: Placed) -> dict[str, Any]:
     """Return what maps and scores depend on beside the arguments of `score`."""
     return {
-        'recording': digest_of(*(scan.ranges_m.tobytes() for scan, _ in scans)),
+        'recording': digest_of(
+            *(scan.ranges_m.tobytes() + repr(pose).encode() for scan, pose in scans)
+        ),
         'prior': digest_of(default_prior_file().read_bytes()),
         'judge': flatten(JUDGE),
         'mixture': [KEPT, MIXTURE_STRIDE],
