@@ -37,7 +37,11 @@ def sweep(refinement, count):
     return list(refinement.run(StopConfig(max_sweeps=count, max_time=1e6, r_hat=0.0)))[-1]
 
 
-@pytest.mark.parametrize('patch', [PatchConfig(), PatchConfig(size=9)], ids=['cells', 'patches'])
+@pytest.mark.parametrize(
+    'patch',
+    [PatchConfig(), pytest.param(PatchConfig(size=9), marks=pytest.mark.jit)],
+    ids=['cells', 'patches'],
+)
 @pytest.mark.parametrize('before', [21, 70], ids=['just after the burn-in', 'later'])
 def test_goes_on_as_if_nothing_had_happened(tmp_path, patch, before):
     """Scans that came by another way but say the same: equal maps, counts and judgement."""

@@ -93,6 +93,7 @@ METHODS = {
 }
 
 
+@pytest.mark.jit
 @pytest.mark.parametrize('fusion', ['per_scan', 'per_beam'])
 @pytest.mark.parametrize('name', CASES)
 def test_no_cell_is_written_outside_of_the_box(name, fusion, repository):

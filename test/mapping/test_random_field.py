@@ -34,6 +34,7 @@ def at(x=0.5, y=0.5, yaw=0.0):
     return PoseBelief(Pose2D(x, y, yaw))
 
 
+@pytest.mark.jit
 @given(
     placed=st.lists(st.tuples(scans(), poses(2.0)), min_size=1, max_size=3),
     often=st.booleans(),
@@ -130,6 +131,7 @@ def test_a_scan_that_says_nothing_changes_nothing():
     assert method.spec == spec
 
 
+@pytest.mark.jit
 @pytest.mark.data
 def test_recorded_scene_against_the_linear_system(data_folder):
     """Windows around cells that were predicted, at the default settings."""

@@ -7,6 +7,8 @@ from scipy import ndimage
 from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.simulation import FLOOR_PLANS, generate_floor
 
+pytestmark = pytest.mark.jit
+
 
 @pytest.fixture(scope='module')
 def floors():
