@@ -35,11 +35,13 @@ test-fast: $(READY)
 test-ros: $(READY)
 	$(PY) -m pytest -m 'ros and not full'
 
-# Everything, and once more with bounds checks in the kernels and with plain Python in their place.
+# Everything, and once more with bounds checks in the kernels and with plain Python in their place
+# (not of commands and experiments, which would take hours).
 test-full: $(READY) lint types imports
 	$(PY) -m pytest
 	NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(VENV)/boundscheck $(PY) -m pytest -m 'not full and not slow and not ros' test
-	NUMBA_DISABLE_JIT=1 $(PY) -m pytest -m 'not full and not slow and not ros and not jit' test
+	NUMBA_DISABLE_JIT=1 $(PY) -m pytest -m 'not full and not slow and not ros and not jit' \
+		--ignore test/cli --ignore test/experiments --ignore test/benchmarks test
 
 lint: $(READY)
 	$(VENV)/bin/ruff check .
