@@ -6,7 +6,6 @@ scans every so many-th beam (Table III). What an experiment does not take is hel
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,8 +15,8 @@ import numpy as np
 
 from ogm_mcmc.arrays import BoolArray
 from ogm_mcmc.config import MapperConfig
-from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.evaluation import near
+from ogm_mcmc.experiments.recordings import data_folder
 from ogm_mcmc.experiments.windows import method_in
 from ogm_mcmc.geometry import CellBox, GridMap, GridSpec, Pose2D, PoseBelief, Scan
 from ogm_mcmc.mapping import make_method
@@ -32,7 +31,6 @@ __all__ = [
     'Published',
     'Split',
     'benchmark_of',
-    'data_folder',
     'split',
     'traditional_map',
     'window_box',
@@ -92,6 +90,10 @@ class HardwareSet:
         """The experiment with the fewest scans."""
         return max(self.pose_strides)
 
+    def folder(self) -> Path:
+        """Return the folder of the recorded data; raises ConfigError where this is not in it."""
+        return data_folder(self.path, self.expected)
+
     def scans(self, folder: Path) -> Placed:
         """Read all of it."""
         return self.read(folder / self.path)
@@ -111,15 +113,6 @@ class Benchmark(NamedTuple):
     counted: BoolArray
     mapped_share: float
     near_share: float
-
-
-def data_folder(of: HardwareSet) -> Path:
-    """Return the folder of the recorded data; raises ConfigError where the set is not in it."""
-    folder = Path(os.environ.get('OGM_MCMC_DATA', '../shared/data'))
-    path = folder / of.path
-    if not path.exists():
-        raise ConfigError(f'{path}: no such file; expected {of.expected.format(path=path)}')
-    return folder
 
 
 def split(of: HardwareSet, scans: Placed, number: int) -> Split:

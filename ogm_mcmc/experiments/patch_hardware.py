@@ -33,7 +33,6 @@ from ogm_mcmc.experiments.hardware_sets import (
     HardwareSet,
     Placed,
     benchmark_of,
-    data_folder,
     split,
     traditional_map,
     window_box,
@@ -83,7 +82,7 @@ def run_intel(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
         unseen,
         {
             f'unseen_{start}': {
-                'data': str(data_folder(INTEL)),
+                'data': str(INTEL.folder()),
                 'resolution': 0.05,
                 'number': INTEL.sparsest,
                 'start': start,
@@ -93,7 +92,7 @@ def run_intel(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
             for start in STARTS
         },
         title='unseen space',
-        depends_on=depends_on(INTEL.scans(data_folder(INTEL))),
+        depends_on=depends_on(INTEL.scans(INTEL.folder())),
     )
     starts = save_part_pictures(folder / 'maps', starts)
     for start, one in starts.items():
@@ -120,7 +119,7 @@ def run_stata(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
 
 def _run(of: HardwareSet, folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
     """Sample and score everything."""
-    data = data_folder(of)
+    data = of.folder()
     scans = of.scans(data)
     sweeps = QUICK_SWEEPS if quick else SWEEPS
     jobs: dict[str, dict[str, Any]] = {}

@@ -11,7 +11,6 @@ their beams, which needs no benchmark).
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -21,13 +20,13 @@ import numpy as np
 
 from ogm_mcmc.arrays import Float64Array
 from ogm_mcmc.config import MapperConfig, flatten
-from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.evaluation import (
     aligned,
     beam_log_likelihood,
     brier_score,
     confusion_counts,
 )
+from ogm_mcmc.experiments.recordings import data_folder
 from ogm_mcmc.experiments.results import row, save_picture
 from ogm_mcmc.experiments.windows import map_in
 from ogm_mcmc.geometry import CellBox, GridMap, Pose2D, PoseBelief, PoseSamples, Scan
@@ -79,7 +78,8 @@ class Believed(NamedTuple):
 
 def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
     """Map CSAIL in every way and compare; `seed` has no effect, nothing is drawn."""
-    believed = read_log(data_folder() / LOG)
+    folder_of_logs = data_folder(LOG, f'OGM_MCMC_DATA to name a folder with {LOG}')
+    believed = read_log(folder_of_logs / LOG)
     held_out = believed[HELD_OUT_EVERY - 1 :: HELD_OUT_EVERY]
     mapped = [one for k, one in enumerate(believed) if (k + 1) % HELD_OUT_EVERY]
     rows, curves, config = [], [], MapperConfig()
@@ -164,16 +164,6 @@ def compare_maps(
         gain = by_scan['all particles'] - by_scan['likeliest particle']
         rows.append(row(f'all - likeliest, {judge}', float(gain.mean()), None, error_of(gain)))
     return rows, curves
-
-
-def data_folder() -> Path:
-    """Return the folder of the recorded logs; raises ConfigError where the log is not in it."""
-    folder = Path(os.environ.get('OGM_MCMC_DATA', '../shared/data'))
-    if not (folder / LOG).is_file():
-        raise ConfigError(
-            f'{folder / LOG}: no such file; expected OGM_MCMC_DATA to name a folder with {LOG}'
-        )
-    return folder
 
 
 def read_log(path: Path) -> list[Believed]:

@@ -10,7 +10,6 @@ from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.experiments.benchmark_picture import first_cells
 from ogm_mcmc.experiments.hardware_sets import (
     benchmark_of,
-    data_folder,
     split,
     traditional_map,
     window_box,
@@ -101,7 +100,7 @@ def test_rays_are_drawn_from_their_beginning():
 def test_missing_data_is_named(of, line, tmp_path, monkeypatch):
     monkeypatch.setenv('OGM_MCMC_DATA', str(tmp_path))
     with pytest.raises(ConfigError, match=line):
-        data_folder(of)
+        of.folder()
 
 
 @pytest.mark.data
