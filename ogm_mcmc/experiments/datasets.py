@@ -41,6 +41,9 @@ WORKERS_VARIABLE = 'OGM_MCMC_WORKERS'
 
 Work = Callable[..., dict[str, Any]]
 
+# Parts in progress, and their names.
+Running = dict[Future[dict[str, Any]], str]
+
 
 class ExperimentError(OgmError, RuntimeError):
     """A data set of an experiment could not be computed."""
@@ -114,7 +117,7 @@ def run_all(
             bar.update()
 
         if executor is not None:
-            _submitted(executor, work, missing, keep)
+            _elsewhere(executor, work, missing, keep)
         elif count == 1:
             for name, arguments in missing.items():
                 keep(name, work(**arguments))
@@ -131,7 +134,9 @@ def _in_processes(
 ) -> None:
     try:
         with worker_pool(count) as pool:
-            _submitted(pool, work, missing, keep)
+            # Nothing is cancelled: a pool that is killed tells its futures so in a thread, which
+            # fails, and says so at length, where one of them was cancelled.
+            _collect(_begun(pool, work, missing), keep)
     except BrokenProcessPool as error:
         raise ExperimentError(
             'a worker process died (out of memory?): expected it to finish; '
@@ -139,25 +144,32 @@ def _in_processes(
         ) from error
 
 
-def _submitted(
+def _elsewhere(
     executor: Executor,
     work: Work,
     missing: Mapping[str, Mapping[str, Any]],
     keep: Callable[[str, dict[str, Any]], None],
 ) -> None:
-    """Keep every result as it comes; after an error, nothing more is begun."""
-    running: dict[Future[dict[str, Any]], str] = {
-        executor.submit(work, **arguments): name for name, arguments in missing.items()
-    }
+    """Work on an executor that goes on to live: after an error, nothing more is begun."""
+    running = _begun(executor, work, missing)
     try:
-        while running:
-            done, _ = wait(running, return_when=FIRST_COMPLETED)
-            # Those that failed at the same moment come last: what is finished is kept.
-            for future in sorted(done, key=_failed):
-                keep(running.pop(future), future.result())
+        _collect(running, keep)
     finally:
         for future in running:
             future.cancel()
+
+
+def _begun(executor: Executor, work: Work, missing: Mapping[str, Mapping[str, Any]]) -> Running:
+    return {executor.submit(work, **arguments): name for name, arguments in missing.items()}
+
+
+def _collect(running: Running, keep: Callable[[str, dict[str, Any]], None]) -> None:
+    """Keep every result as it comes, and take it from those that are running."""
+    while running:
+        done, _ = wait(running, return_when=FIRST_COMPLETED)
+        # Those that failed at the same moment come last: what is finished is kept.
+        for future in sorted(done, key=_failed):
+            keep(running.pop(future), future.result())
 
 
 def _failed(future: Future[dict[str, Any]]) -> bool:
