@@ -7,23 +7,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from ogm_mcmc.cli.main import run
 from ogm_mcmc.cli.simulated_world import CELLS, check_cells
 from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.io.bags import BagReader
 from ogm_mcmc.io.map_files import load_map
 from ogm_mcmc.io.scan_stream import PlacedScans, StreamChoice, choose_topics
 from ogm_mcmc.simulation import Exploration, GridWorld
-
-
-def command(capsys, *arguments):
-    """Run in this process; return the exit code and what was printed."""
-    try:
-        code = run([str(argument) for argument in arguments])
-    except SystemExit as stopped:  # argparse's own
-        code = stopped.code
-    printed = capsys.readouterr()
-    return code, printed.out, printed.err
+from ogm_mcmc.testing.commands import command
 
 
 def placed_scans(path):

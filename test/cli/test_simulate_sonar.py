@@ -8,23 +8,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from ogm_mcmc.cli.main import run
 from ogm_mcmc.geometry import Pose2D
 from ogm_mcmc.io.bags import BagReader
 from ogm_mcmc.io.map_files import load_grid
 from ogm_mcmc.io.scan_stream import PlacedScans, StreamChoice, choose_topics
 from ogm_mcmc.io.world_files import load_world
 from ogm_mcmc.simulation import SonarRing
-
-
-def command(capsys, *arguments):
-    """Run in this process; return the exit code and what was printed."""
-    try:
-        code = run([str(argument) for argument in arguments])
-    except SystemExit as stopped:  # argparse's own
-        code = stopped.code
-    printed = capsys.readouterr()
-    return code, printed.out, printed.err
+from ogm_mcmc.testing.commands import command
 
 
 def placed_readings(path):
