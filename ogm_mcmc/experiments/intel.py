@@ -7,27 +7,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
 from ogm_mcmc.experiments.hardware_sets import HardwareSet, Placed, Published
-from ogm_mcmc.geometry import Scan
-from ogm_mcmc.io.carmen import LogScan, read_carmen
+from ogm_mcmc.experiments.recordings import as_scan
+from ogm_mcmc.io.carmen import read_carmen
 
 __all__ = ['INTEL']
-
-# Readings of a SICK in centimetre mode from here on are codes for "nothing".
-NO_RETURN_M, RANGE_MAX_M = 81.8, 80.0
-
-
-def as_scan(logged: LogScan) -> Scan:
-    """Return a line of the log as REP 117 has it."""
-    return Scan.checked(
-        np.where(logged.ranges_m >= NO_RETURN_M, np.inf, logged.ranges_m),
-        angle_min_rad=logged.start_angle_rad,
-        angle_increment_rad=logged.increment_rad,
-        range_min_m=0.0,
-        range_max_m=RANGE_MAX_M,
-    )
 
 
 def read_intel(path: Path) -> Placed:

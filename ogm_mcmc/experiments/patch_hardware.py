@@ -76,13 +76,15 @@ KEPT, MIXTURE_STRIDE = 20, 8
 
 def run_intel(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
     """Experiments 1 to 3, and unseen space in experiment 3; quick: cells of 5 cm, few samples."""
-    result = _run(INTEL, folder, quick=quick, seed=seed)
+    data = INTEL.folder()
+    scans = INTEL.scans(data)
+    result = _run(INTEL, data, scans, folder, quick=quick, seed=seed)
     starts = run_all(
         folder / 'parts',
         unseen,
         {
             f'unseen_{start}': {
-                'data': str(INTEL.folder()),
+                'data': str(data),
                 'resolution': 0.05,
                 'number': INTEL.sparsest,
                 'start': start,
@@ -92,7 +94,7 @@ def run_intel(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
             for start in STARTS
         },
         title='unseen space',
-        depends_on=depends_on(INTEL.scans(INTEL.folder())),
+        depends_on=depends_on(scans),
     )
     starts = save_part_pictures(folder / 'maps', starts)
     for start, one in starts.items():
@@ -114,13 +116,14 @@ def run_intel(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
 
 def run_stata(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
     """Experiments 4 to 6; quick: cells of 10 cm, few samples."""
-    return _run(STATA, folder, quick=quick, seed=seed)
+    data = STATA.folder()
+    return _run(STATA, data, STATA.scans(data), folder, quick=quick, seed=seed)
 
 
-def _run(of: HardwareSet, folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
+def _run(
+    of: HardwareSet, data: Path, scans: Placed, folder: Path, *, quick: bool, seed: int
+) -> dict[str, Any]:
     """Sample and score everything."""
-    data = of.folder()
-    scans = of.scans(data)
     sweeps = QUICK_SWEEPS if quick else SWEEPS
     jobs: dict[str, dict[str, Any]] = {}
     for resolution in (of.quick_resolution_m,) if quick else of.resolutions_m:

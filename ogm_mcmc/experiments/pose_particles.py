@@ -26,11 +26,11 @@ from ogm_mcmc.evaluation import (
     brier_score,
     confusion_counts,
 )
-from ogm_mcmc.experiments.recordings import data_folder
+from ogm_mcmc.experiments.recordings import RANGE_MAX_M, as_scan, data_folder
 from ogm_mcmc.experiments.results import row, save_picture
 from ogm_mcmc.experiments.windows import map_in
 from ogm_mcmc.geometry import CellBox, GridMap, Pose2D, PoseBelief, PoseSamples, Scan
-from ogm_mcmc.io.carmen import LogScan, read_carmen
+from ogm_mcmc.io.carmen import read_carmen
 from ogm_mcmc.io.gmapping import best_trajectory
 from ogm_mcmc.mapping import make_method
 from ogm_mcmc.plotting import Grid, Series, curves_png, extent_of, grids_png
@@ -38,9 +38,6 @@ from ogm_mcmc.plotting import Grid, Series, curves_png, extent_of, grids_png
 __all__ = ['run']
 
 LOG = Path('csail') / 'csail.corrected.gfs'
-
-# Readings of a SICK in centimetre mode from here on are codes for "nothing".
-NO_RETURN_M, RANGE_MAX_M = 81.8, 80.0
 
 # Every so many scans one is held out, and left out of all maps.
 HELD_OUT_EVERY = 5
@@ -174,17 +171,6 @@ def read_log(path: Path) -> list[Believed]:
         for scan, known in zip(scans, best_trajectory(scans), strict=True)
         if scan.particles is not None
     ]
-
-
-def as_scan(logged: LogScan) -> Scan:
-    """Return a line of the log as REP 117 has it."""
-    return Scan.checked(
-        np.where(logged.ranges_m >= NO_RETURN_M, np.inf, logged.ranges_m),
-        angle_min_rad=logged.start_angle_rad,
-        angle_increment_rad=logged.increment_rad,
-        range_min_m=0.0,
-        range_max_m=RANGE_MAX_M,
-    )
 
 
 def map_of(

@@ -14,8 +14,9 @@ from ogm_mcmc.experiments.hardware_sets import (
     traditional_map,
     window_box,
 )
-from ogm_mcmc.experiments.intel import INTEL, as_scan
+from ogm_mcmc.experiments.intel import INTEL
 from ogm_mcmc.experiments.patch_hardware import score
+from ogm_mcmc.experiments.recordings import as_scan
 from ogm_mcmc.experiments.stata import STATA
 from ogm_mcmc.experiments.unseen_space import unseen
 from ogm_mcmc.geometry import CellBox, Pose2D
