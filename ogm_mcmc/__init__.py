@@ -19,8 +19,8 @@ full posterior, live      `ogm_mcmc.ros.refine_server`         node `refine_serv
 learned patch priors      `ogm_mcmc.sampling.patch_prior`      [patch] section III
 joint patch prior         `ogm_mcmc.sampling.patch_field`      none, see its docstring
 divergence, scores, ...   `ogm_mcmc.evaluation`                [gibbs] and [patch] section IV
-published results         `ogm_mcmc.experiments`               the papers
-work on a Dask cluster    `ogm_mcmc.cluster`                   extra `cluster`
+published results         `ogm_mcmc.lab.experiments`               the papers
+work on a Dask cluster    `ogm_mcmc.lab.cluster`                   extra `cluster`
 pages, curves, pictures   `ogm_mcmc.plotting`                  extra `plots`
 CARMEN logs, bags, maps   `ogm_mcmc.io`                        file formats
 simulated buildings       `ogm_mcmc.simulation`                [gibbs] section IV-B

@@ -10,6 +10,8 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 
+pytest_plugins = ['support.bag_fixtures']
+
 
 @pytest.fixture(scope='session')
 def repository() -> Path:
@@ -64,6 +66,9 @@ def forget_stale_kernels() -> None:
 
 def pytest_configure(config) -> None:
     forget_stale_kernels()
+    # Processes that tests start find their support, too.
+    paths = [str(ROOT / 'test'), os.environ.get('PYTHONPATH', '')]
+    os.environ['PYTHONPATH'] = os.pathsep.join(filter(None, paths))
     # Before rclpy is first imported: a domain of our own, on this machine only.
     os.environ.setdefault('ROS_DOMAIN_ID', str(20 + os.getpid() % 80))
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'

@@ -10,16 +10,10 @@ import pytest
 
 import ogm_mcmc
 
-# `ogm_mcmc.ros` needs ROS, but what it is configured with does not; `testing.ros` is its twin.
-NEEDS_ROS = ('ogm_mcmc.ros.', 'ogm_mcmc.testing.ros')
-WITHOUT_ROS = ('ogm_mcmc.ros.refine_worker', 'ogm_mcmc.ros.settings')
+NEEDS_ROS = ('ogm_mcmc.ros.',)
 
 MODULES = sorted(module.name for module in pkgutil.walk_packages(ogm_mcmc.__path__, 'ogm_mcmc.'))
-CORE = [
-    name
-    for name in MODULES
-    if name in WITHOUT_ROS or not (name.startswith(NEEDS_ROS) or name.endswith('__main__'))
-]
+CORE = [name for name in MODULES if not (name.startswith(NEEDS_ROS) or name.endswith('__main__'))]
 
 
 def test_core_imports_where_ros_is_not_installed():
@@ -45,7 +39,7 @@ def test_modules_have_a_docstring_and_a_true_menu(name):
 
 def test_core_never_prints(repository):
     """Only the command line prints; nodes log."""
-    allowed = ('cli', 'ros/running.py', 'ros/replay.py', 'testing/parameter_table.py')
+    allowed = ('cli', 'ros/running.py', 'ros/replay.py')
     for path in sorted((repository / 'ogm_mcmc').rglob('*.py')):
         relative = path.relative_to(repository / 'ogm_mcmc').as_posix()
         if relative.startswith(allowed):

@@ -3,11 +3,11 @@
 import re
 from pathlib import Path
 
+import parameter_pages as parameter_table
 import pytest
 import yaml
 
 from ogm_mcmc.config import settings_of
-from ogm_mcmc.testing import parameter_table
 
 LINK = re.compile(r'!?\[[^\]]*\]\(([^)\s]+)\)')
 ROOT = Path(__file__).resolve().parents[1]
@@ -73,7 +73,7 @@ def test_versions_agree(repository):
 
 
 def test_every_experiment_is_on_its_page(repository):
-    from ogm_mcmc.experiments import EXPERIMENTS
+    from ogm_mcmc.lab.experiments import EXPERIMENTS
 
     text = (repository / 'docs' / 'evaluation.md').read_text(encoding='utf-8')
     named = re.findall(r'^\| `([\w-]+)` \|', text[text.index('## Experiments') :], re.MULTILINE)

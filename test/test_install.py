@@ -91,8 +91,7 @@ def test_colcon_builds_and_the_executables_run(clean_copy, tmp_path, office_bag)
         pytest.skip('colcon is not installed')
     pytest.importorskip('rclpy', reason='rclpy is not installed: nothing to run')
     from rclpy.qos import qos_profile_system_default  # noqa: F401 - rclpy really works
-
-    from ogm_mcmc.testing.ros import NodeProcess, Observer
+    from support.ros import NodeProcess, Observer
 
     (tmp_path / 'src').mkdir()
     shutil.copytree(clean_copy, tmp_path / 'src' / 'ogm_mcmc')

@@ -3,24 +3,34 @@ import math
 
 import numpy as np
 import pytest
+from support import pictures
+from support.strategies import fan
 
 from ogm_mcmc.config import MapperConfig, OutputConfig, StepModelConfig, settings_of
+from ogm_mcmc.engine.map_view import MAX_STALE_BOXES, MapView
 from ogm_mcmc.errors import ConfigError, GridError
-from ogm_mcmc.geometry import CellBox, GridMap, GridSpec, Pose2D, PoseBelief, Scan, SensorMount
-from ogm_mcmc.mapping import METHODS
+from ogm_mcmc.geometry import (
+    CellBox,
+    GridMap,
+    GridSpec,
+    PlacedScan,
+    Pose2D,
+    PoseBelief,
+    Scan,
+    SensorMount,
+)
+from ogm_mcmc.mapping import METHODS, live_settings
 from ogm_mcmc.mapping.beam_evidence_kernels import sum_steps_per_beam
 from ogm_mcmc.mapping.evidence_kernels import sum_per_scan
 from ogm_mcmc.mapping.gaussian_field_kernels import take_in
 from ogm_mcmc.mapping.quadtree_counting_kernels import count_seen
 from ogm_mcmc.mapping.sonar_kernels import add_cone
 from ogm_mcmc.mapping.two_assumption_kernels import fuse_per_beam, fuse_per_scan
-from ogm_mcmc.pipeline import MAX_STALE_BOXES, MappingPipeline, MapView, warm_up
-from ogm_mcmc.testing import pictures
-from ogm_mcmc.testing.strategies import fan
+from ogm_mcmc.pipeline import MappingPipeline, warm_up
 
 KINDS = [
-    ('map', OutputConfig()),
-    ('map', OutputConfig(output='trinary', occupied_thresh=0.7, free_thresh=0.3)),
+    ('', OutputConfig()),
+    ('', OutputConfig(output='trinary', occupied_thresh=0.7, free_thresh=0.3)),
     ('entropy', OutputConfig()),
 ]
 every_kind = pytest.mark.parametrize(('kind', 'output'), KINDS, ids=['percent', 'three', 'bits'])
@@ -63,7 +73,7 @@ def test_refreshing_equals_rendering_everything(kind, output):
     places = [(0, 0), (0.4, 0.2), (9, 0), (9, 1), (-9, -9), (3, 30), (60, 30), (0, 0)]
     specs = set()
     for k, (x, y) in enumerate(places):
-        view.mark(source.update(sweep(k), at(x + 0.013, y + 0.017, 0.3 * k)))
+        view.mark(source.update(PlacedScan(sweep(k), at(x + 0.013, y + 0.017, 0.3 * k))))
         if k % 3 != 1:
             view.refresh()
             specs.add(view.spec)
@@ -76,10 +86,10 @@ def test_refreshing_equals_rendering_everything(kind, output):
 def test_refresh_writes_only_the_box_it_returns(kind, output):
     source = pipeline()
     view = MapView(source, output, kind)
-    view.mark(source.update(sweep(1), at(0.013, 0.017)))
+    view.mark(source.update(PlacedScan(sweep(1), at(0.013, 0.017))))
     view.refresh()
     view.values.fill(77)
-    changed = source.update(fan(1.0), at(0.513, 0.517))
+    changed = source.update(PlacedScan(fan(1.0), at(0.513, 0.517)))
     view.mark(changed)
     (box,) = view.refresh()
     assert box == changed == CellBox(5, 5, 16, 6)
@@ -91,10 +101,10 @@ def test_refresh_writes_only_the_box_it_returns(kind, output):
 def test_growth_copies_what_was_shown_and_is_unknown_elsewhere():
     source = pipeline()
     view = MapView(source, OutputConfig())
-    view.mark(source.update(sweep(1), at(0.013, 0.017)))
+    view.mark(source.update(PlacedScan(sweep(1), at(0.013, 0.017))))
     view.refresh()
     before, shown = view.spec, view.values.copy()
-    view.mark(source.update(fan(1.0), at(50.05, 0.05)))
+    view.mark(source.update(PlacedScan(fan(1.0), at(50.05, 0.05))))
     view.refresh()
     assert view.spec != before
     assert np.array_equal(view.values[view.spec.slices(before.box)], shown)
@@ -104,22 +114,24 @@ def test_growth_copies_what_was_shown_and_is_unknown_elsewhere():
 def test_changes_far_apart_do_not_cost_what_lies_between():
     source = pipeline()
     view = MapView(source, OutputConfig())
-    view.mark(source.update(fan(1.0), at(0.05, 0.05)))
-    view.mark(source.update(fan(1.0), at(200.05, 200.05)))
-    view.mark(source.update(fan(1.0), at(0.15, 0.05)))
+    view.mark(source.update(PlacedScan(fan(1.0), at(0.05, 0.05))))
+    view.mark(source.update(PlacedScan(fan(1.0), at(200.05, 200.05))))
+    view.mark(source.update(PlacedScan(fan(1.0), at(0.15, 0.05))))
     boxes = view.refresh()
     assert len(boxes) == 2
     assert sum(box.n_cells for box in boxes) == 12 + 11
-    assert np.array_equal(view.values, whole(source, OutputConfig(), 'map'))
+    assert np.array_equal(view.values, whole(source, OutputConfig(), ''))
 
 
 def test_many_changes_far_apart_are_all_shown():
     source = pipeline()
     view = MapView(source, OutputConfig())
     for k in range(40):
-        view.mark(source.update(fan(1.0), at(0.05 + 20.0 * (k % 7), 0.05 + 20.0 * (k // 7))))
+        view.mark(
+            source.update(PlacedScan(fan(1.0), at(0.05 + 20.0 * (k % 7), 0.05 + 20.0 * (k // 7))))
+        )
     assert len(view.refresh()) <= MAX_STALE_BOXES
-    assert np.array_equal(view.values, whole(source, OutputConfig(), 'map'))
+    assert np.array_equal(view.values, whole(source, OutputConfig(), ''))
 
 
 def test_stale_until_refreshed():
@@ -129,16 +141,16 @@ def test_stale_until_refreshed():
     view.refresh()
     assert not view.stale
     assert view.refresh() == []
-    view.mark(source.update(fan(math.nan), at(0.0, 0.0)))
+    view.mark(source.update(PlacedScan(fan(math.nan), at(0.0, 0.0))))
     assert not view.stale
-    view.mark(source.update(fan(1.0), at(0.05, 0.05)))
+    view.mark(source.update(PlacedScan(fan(1.0), at(0.05, 0.05))))
     assert view.stale
 
 
 def test_restart_after_a_reset():
     source = pipeline()
     view = MapView(source, OutputConfig())
-    view.mark(source.update(sweep(1), at(30.013, 0.017)))
+    view.mark(source.update(PlacedScan(sweep(1), at(30.013, 0.017))))
     view.refresh()
     source.reset()
     view.restart()
@@ -151,12 +163,12 @@ def test_another_output_shows_after_marking_all_that_ever_changed():
     source = pipeline()
     view = MapView(source, OutputConfig())
     for k in range(3):
-        view.mark(source.update(sweep(k), at(2.013 * k, 0.017)))
+        view.mark(source.update(PlacedScan(sweep(k), at(2.013 * k, 0.017))))
     view.refresh()
     view.output = OutputConfig(output='trinary')
     view.mark(source.changed)
     view.refresh()
-    assert np.array_equal(view.values, whole(source, view.output, 'map'))
+    assert np.array_equal(view.values, whole(source, view.output, ''))
     assert set(np.unique(view.values)) == {-1, 0, 100}
 
 
@@ -164,13 +176,15 @@ def test_another_output_shows_after_marking_all_that_ever_changed():
 def test_shown_values_on_paper(kind, output):
     """One hit and one miss at equal steps: 80, 20 and 50 per cent."""
     source = pipeline(resolution=1.0)
-    box = source.update(fan(2.0), at(0.5, 0.5)).union(source.update(fan(3.0), at(0.5, 0.5)))
+    box = source.update(PlacedScan(fan(2.0), at(0.5, 0.5))).union(
+        source.update(PlacedScan(fan(3.0), at(0.5, 0.5)))
+    )
     view = MapView(source, output, kind)
     view.refresh()
     expected = {
         # log-odds of -2, -2, 0 and +1 steps of log 4: 1/17, 1/17, 1/2, 4/5
-        ('map', 'probability'): [6, 6, 50, 80],
-        ('map', 'trinary'): [0, 0, -1, 100],
+        ('', 'probability'): [6, 6, 50, 80],
+        ('', 'trinary'): [0, 0, -1, 100],
         ('entropy', 'probability'): [32, 32, 100, 72],
     }[kind, output.output]
     assert view.values[view.spec.slices(box)][0].tolist() == expected
@@ -185,7 +199,7 @@ def test_a_subclass_says_where_values_live():
 
     source = pipeline()
     view = InMessage(source, OutputConfig())
-    view.mark(source.update(fan(1.0), at(0.05, 0.05)))
+    view.mark(source.update(PlacedScan(fan(1.0), at(0.05, 0.05))))
     view.refresh()
     assert np.shares_memory(view.values, buffer)
     assert (buffer >= 0).sum() == 11
@@ -198,7 +212,7 @@ def test_picture_of_a_scan():
     """Three beams of a robot that looks up: left, ahead and right."""
     source = pipeline(resolution=1.0)
     scan = fan(2.0, 3.0, 1.0, bearing=math.pi / 2, increment=-math.pi / 2)
-    source.update(scan, at(2.5, 0.5, math.pi / 2))
+    source.update(PlacedScan(scan, at(2.5, 0.5, math.pi / 2)))
     result = source.map()
     expected = """
         ??#?
@@ -215,8 +229,8 @@ def test_the_mount_carries_the_sensor():
     """Half a metre ahead of a robot that looks up, turned to the left."""
     mounted, direct = pipeline(), pipeline()
     mount = SensorMount(Pose2D(0.5, 0.2, 1.0))
-    mounted.update(sweep(1), at(1.013, 2.017, math.pi / 2), mount)
-    direct.update(sweep(1), at(1.013 - 0.2, 2.017 + 0.5, math.pi / 2 + 1.0))
+    mounted.update(PlacedScan.on_robot(sweep(1), at(1.013, 2.017, math.pi / 2), mount))
+    direct.update(PlacedScan(sweep(1), at(1.013 - 0.2, 2.017 + 0.5, math.pi / 2 + 1.0)))
     assert same_map(mounted, direct)
 
 
@@ -231,17 +245,18 @@ def test_an_upside_down_mount_negates_the_bearings(upside_down):
         range_max_m=scan.range_max_m,
     )
     mounted, direct = pipeline(), pipeline()
-    mounted.update(scan, at(0.013, 0.017, 0.4), SensorMount(upside_down=upside_down))
-    direct.update(mirrored if upside_down else scan, at(0.013, 0.017, 0.4))
+    mount = SensorMount(upside_down=upside_down)
+    mounted.update(PlacedScan.on_robot(scan, at(0.013, 0.017, 0.4), mount))
+    direct.update(PlacedScan(mirrored if upside_down else scan, at(0.013, 0.017, 0.4)))
     assert same_map(mounted, direct)
     other = pipeline()
-    other.update(scan if upside_down else mirrored, at(0.013, 0.017, 0.4))
+    other.update(PlacedScan(scan if upside_down else mirrored, at(0.013, 0.017, 0.4)))
     assert not same_map(mounted, other)
 
 
 def test_map_is_cropped_to_the_measured_cells():
     source = pipeline()
-    box = source.update(sweep(1), at(7.013, -3.017))
+    box = source.update(PlacedScan(sweep(1), at(7.013, -3.017)))
     result = source.map()
     assert isinstance(result, GridMap)
     assert result.spec.box == box
@@ -250,7 +265,7 @@ def test_map_is_cropped_to_the_measured_cells():
 
 def test_counts_and_changes_since_the_last_reset():
     source = pipeline()
-    boxes = [source.update(sweep(k), at(3.0 * k + 0.01, 0.02)) for k in range(3)]
+    boxes = [source.update(PlacedScan(sweep(k), at(3.0 * k + 0.01, 0.02))) for k in range(3)]
     assert source.scans_used == 3
     assert source.changed == boxes[0].union(boxes[1]).union(boxes[2])
     source.reset()
@@ -260,10 +275,10 @@ def test_counts_and_changes_since_the_last_reset():
 
 def test_a_refused_scan_is_not_counted():
     source = pipeline(max_cells=4096)
-    source.update(fan(1.0), at(0.05, 0.05))
+    source.update(PlacedScan(fan(1.0), at(0.05, 0.05)))
     before, changed = source.map(), source.changed
     with pytest.raises(GridError, match='max_cells'):
-        source.update(fan(1.0), at(100.0, 0.0))
+        source.update(PlacedScan(fan(1.0), at(100.0, 0.0)))
     assert (source.scans_used, source.changed) == (1, changed)
     assert np.array_equal(source.map().probability, before.probability)
 
@@ -315,7 +330,8 @@ def test_nothing_is_compiled_after_warm_up(method, fusion, kernel):
     compiled = kernel.signatures
     assert len(compiled) == 1
     belief = PoseBelief(Pose2D(1.013, 2.017), np.diag([0.01, 0.0, 0.001]))
-    MappingPipeline(config).update(sweep(1), belief, SensorMount(Pose2D(0.1, 0.2, 0.3)))
+    mount = SensorMount(Pose2D(0.1, 0.2, 0.3))
+    MappingPipeline(config).update(PlacedScan.on_robot(sweep(1), belief, mount))
     assert kernel.signatures == compiled
 
 
@@ -324,10 +340,10 @@ def test_nothing_is_compiled_after_warm_up(method, fusion, kernel):
 
 def test_a_safe_change_counts_from_then_on():
     source = pipeline()
-    source.update(fan(1.0), at(0.05, 0.05))
+    source.update(PlacedScan(fan(1.0), at(0.05, 0.05)))
     changed = MapperConfig(resolution=0.1, step=StepModelConfig(l_occ=3.0), max_range=2.0)
     source.configure(changed)
-    source.update(fan(1.0), at(0.05, 0.05))
+    source.update(PlacedScan(fan(1.0), at(0.05, 0.05)))
     assert source.config == changed
     cell = CellBox(10, 0, 11, 1)
     assert source.method.log_odds(cell)[0, 0] == pytest.approx(1.3863 + 3.0)
@@ -339,13 +355,24 @@ def test_a_safe_change_counts_from_then_on():
 def test_an_unsafe_change_is_refused_and_changes_nothing(change):
     source = pipeline()
     before = source.config
-    with pytest.raises(ConfigError, match=f'^{next(iter(change))} is .* fixed at start'):
+    with pytest.raises(ConfigError, match=f'^{next(iter(change))} is .* has it fixed or unused'):
         source.configure(MapperConfig(**{'resolution': 0.1, **change}))
     assert source.config == before
 
 
 @pytest.mark.parametrize('method', sorted(METHODS))
-def test_only_settings_that_exist_are_live(method):
-    live = MappingPipeline(MapperConfig(method=method)).live_settings
+def test_only_settings_that_the_method_uses_are_live(method):
+    live = live_settings(method)
     assert live <= {leaf.name for leaf in settings_of(MapperConfig)}
     assert not live & {'method', 'resolution', 'prior', 'max_cells'}
+    assert ('step.l_occ' in live) == (method not in ('counting', 'sonar'))
+
+
+def test_a_setting_without_effect_is_refused():
+    source = pipeline(method='counting')
+    with pytest.raises(ConfigError, match=r'^step.l_occ is 3.0: method counting .* unused'):
+        source.configure(
+            MapperConfig(resolution=0.1, method='counting', step=StepModelConfig(l_occ=3.0))
+        )
+    source.configure(MapperConfig(resolution=0.1, method='counting', fusion='per_beam'))
+    assert source.config.fusion == 'per_beam'

@@ -14,10 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from ogm_mcmc.benchmarks.online import time_online
-from ogm_mcmc.benchmarks.sample import Effort, bag_config, scene_config, time_sampling
-from ogm_mcmc.benchmarks.scene import generated_scene, load_scene
-from ogm_mcmc.benchmarks.simulation import time_simulation
 from ogm_mcmc.cli.bag_scans import read_bag
 from ogm_mcmc.cli.option_ranges import Range, check_options, option_name, refused
 from ogm_mcmc.cli.options import (
@@ -30,9 +26,12 @@ from ogm_mcmc.cli.simulated_sensor import FURTHEST_M
 from ogm_mcmc.cli.simulated_world import check_cells
 from ogm_mcmc.config import MapperConfig, PlacingConfig
 from ogm_mcmc.errors import ConfigError
-from ogm_mcmc.geometry import PoseBelief
+from ogm_mcmc.geometry import PlacedScan, PoseBelief
 from ogm_mcmc.io.world_files import load_world
-from ogm_mcmc.placement import Placement
+from ogm_mcmc.lab.benchmarks.online import time_online
+from ogm_mcmc.lab.benchmarks.sample import Effort, bag_config, scene_config, time_sampling
+from ogm_mcmc.lab.benchmarks.scene import generated_scene, load_scene
+from ogm_mcmc.lab.benchmarks.simulation import time_simulation
 from ogm_mcmc.simulation import GridWorld, Lidar
 
 __all__ = ['add_to']
@@ -125,18 +124,16 @@ def run_sample(options: argparse.Namespace) -> int:
     scene = generated_scene() if options.scene is None else load_scene(options.scene)
     result: dict[str, Any] = {
         name: {
-            **time_sampling(
-                scene.placements, scene_config(scene.resolution_m, cut, prior), effort
-            ),
+            **time_sampling(scene.placed, scene_config(scene.resolution_m, cut, prior), effort),
             'source': scene.source,
         }
         for name, cut in (('scene', 0.0), ('scene cut at 4 sigma', 4.0))
     }
     if options.bag is not None:
-        placements = read_bag(options, config_from(options, PlacingConfig)).placements
+        placed = read_bag(options, config_from(options, PlacingConfig)).placed
         for name, config in bag_configs.items():
             result[name] = {
-                **time_sampling(placements, config, effort),
+                **time_sampling(placed, config, effort),
                 'source': options.bag.name,
             }
     print(json.dumps(result))
@@ -171,15 +168,15 @@ def run_online(options: argparse.Namespace) -> int:
     scene_config = replace(config, resolution=scene.resolution_m, no_return='clear', max_range=0.0)
     result: dict[str, Any] = {
         'scene': {
-            **time_online(doubted(scene.placements, sigmas), scene_config, options.repeats),
+            **time_online(doubted(scene.placed, sigmas), scene_config, options.repeats),
             'source': scene.source,
         }
     }
     if options.bag is not None:
         placing = config_from(options, PlacingConfig)
-        placements = read_bag(options, placing, config).placements
+        placed = read_bag(options, placing, config).placed
         result['bag'] = {
-            **time_online(doubted(placements, sigmas), config, options.repeats),
+            **time_online(doubted(placed, sigmas), config, options.repeats),
             'source': options.bag.name,
         }
     print(json.dumps(result))
@@ -196,9 +193,9 @@ def _refuse_without_bag(options: argparse.Namespace, names: tuple[str, ...]) -> 
         raise ConfigError(f'{option_name(given[0])}: expected with a BAG, the scene has its own')
 
 
-def doubted(placements: list[Placement], sigmas: tuple[float, float, float]) -> list[Placement]:
+def doubted(placed: list[PlacedScan], sigmas: tuple[float, float, float]) -> list[PlacedScan]:
     """Give each pose a Gaussian belief around it; without sigmas nothing changes."""
     if not any(sigmas):
-        return placements
+        return placed
     covariance = np.diag(np.square(sigmas))
-    return [Placement(scan, PoseBelief(belief.mean, covariance)) for scan, belief in placements]
+    return [PlacedScan(scan, PoseBelief(belief.mean, covariance)) for scan, belief in placed]

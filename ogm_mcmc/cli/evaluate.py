@@ -40,11 +40,11 @@ from ogm_mcmc.config import (
     given,
     settings_of,
 )
+from ogm_mcmc.config.nodes import REFINE_CONFIGS
 from ogm_mcmc.errors import ConfigError, OutputError
 from ogm_mcmc.geometry import GridMap
 from ogm_mcmc.io.map_files import checked_name, load_grid, replacing, writable_folder
 from ogm_mcmc.plotting import require_matplotlib
-from ogm_mcmc.ros.settings import REFINE_CONFIGS
 
 __all__ = ['add_to']
 

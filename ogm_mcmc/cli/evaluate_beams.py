@@ -9,9 +9,10 @@ import numpy as np
 from tqdm import tqdm
 
 from ogm_mcmc.arrays import AnyArray, Float64Array
-from ogm_mcmc.cli.bag_scans import BagScans, read_bag
+from ogm_mcmc.cli.bag_scans import read_bag
 from ogm_mcmc.cli.evaluate_answer import Answer
 from ogm_mcmc.config import HeldOutConfig, PlacingConfig, SamplerConfig, flatten
+from ogm_mcmc.engine.bag_scans import BagScans
 from ogm_mcmc.errors import BagError
 from ogm_mcmc.evaluation import (
     HeldOutBeams,
@@ -47,7 +48,7 @@ def by_beams(
     model, window = ForwardModel.from_config(sampler.model), sampler.window
     bag = read_bag(options, placing)
     beams = held_out_beams(
-        ((scan, belief.mean) for scan, belief in bag.placements[:: choice.beams_stride]),
+        bag.placed[:: choice.beams_stride],
         grid_map.spec,
         max_range_m=window.max_range,
         no_return=window.no_return,
@@ -55,7 +56,7 @@ def by_beams(
     )
     if not beams.placed:
         raise BagError(
-            f'{options.bag}: no beam of {len(bag.placements)} placed scans says anything '
+            f'{options.bag}: no beam of {len(bag.placed)} placed scans says anything '
             f'({beams.left_out} left out because they end outside of the map): expected some'
         )
     with tqdm(beams.placed, unit=' scans', desc='judge', disable=None) as bar:
@@ -91,7 +92,7 @@ def _read(options: argparse.Namespace, bag: BagScans, beams: HeldOutBeams) -> di
         'bag': str(options.bag),
         'scan_topic': bag.topics.scan.name,
         'pose_topic': bag.topics.pose.name,
-        'scans': bag.n_scans,
+        'scans': bag.topics.n_scans,
         'dropped': bag.dropped,
         'scans_used': len(beams.placed),
         'left_out': beams.left_out,

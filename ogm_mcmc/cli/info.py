@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from ogm_mcmc.cli.options import Subparsers, add_json, print_result
+from ogm_mcmc.engine.bag_scans import POSE_TYPES
 from ogm_mcmc.errors import BagError, OgmError
 from ogm_mcmc.io import messages, ros_types
 from ogm_mcmc.io.bags import BagReader
-from ogm_mcmc.io.scan_stream import POSE_TYPES
 
 __all__ = ['add_to']
 

@@ -21,7 +21,8 @@ from ogm_mcmc.cli.options import (
     stream_choice,
 )
 from ogm_mcmc.config import MapperConfig, OutputConfig, PlacingConfig, flatten
-from ogm_mcmc.errors import BagError, OutputError
+from ogm_mcmc.engine.bag_scans import PlacedScans, choose_topics
+from ogm_mcmc.errors import OutputError
 from ogm_mcmc.geometry import GridMap
 from ogm_mcmc.io.bags import BagReader
 from ogm_mcmc.io.map_files import (
@@ -31,10 +32,9 @@ from ogm_mcmc.io.map_files import (
     save_npz,
     writable_folder,
 )
-from ogm_mcmc.io.scan_stream import PlacedScans, choose_topics
 from ogm_mcmc.io.tree_files import save_tree
 from ogm_mcmc.mapping import AdaptiveMapper, MappingMethod, RandomFieldMapper
-from ogm_mcmc.pipeline import MappingPipeline, sensor_mount
+from ogm_mcmc.pipeline import MappingPipeline
 
 __all__ = ['add_to']
 
@@ -63,24 +63,16 @@ def run(options: argparse.Namespace) -> int:
     # What cannot be saved is better said before the work than after it.
     checked_name(options.name)
     makeable_folder(options.folder)
-    frames: set[str] = set()
     started = time.perf_counter()
     with BagReader(options.bag) as bag:
         choice = stream_choice(options, placing, config)
         topics = choose_topics(bag, choice)
-        n_scans = sum(topic.n_messages for topic in topics.scans)
-        with tqdm(total=n_scans, unit=' scans', desc='map', disable=None) as bar:
-            placed = PlacedScans(bag, topics, choice, on_scan=bar.update)
-            for scan, belief in placed:
-                frames.add(scan.frame_id)
-                pipeline.update(scan, belief, sensor_mount(placing.mount, scan.frame_id))
-    dropped = dict(placed.placer.dropped)
-    if pipeline.scans_used == 0:
-        raise BagError(
-            f'{options.bag}: none of {n_scans} scans could be placed ({dropped}): '
-            f'expected poses on {topics.pose.name} around the stamps of {topics.scan.name}'
-        )
+        with tqdm(total=topics.n_scans, unit=' scans', desc='map', disable=None) as bar:
+            scans = PlacedScans(bag, topics, choice, on_scan=bar.update)
+            for placed in scans:
+                pipeline.update(placed)
     # A single sensor may well sit at mount.x, mount.y; several of them hardly do.
+    frames = scans.frames
     unmounted = sorted(frames - set(placing.mount.named())) if len(frames) > 1 else []
     settings = {**flatten(config), **flatten(output), **flatten(placing)}
     grid_map = pipeline.map()
@@ -90,9 +82,9 @@ def run(options: argparse.Namespace) -> int:
         'bag': str(options.bag),
         'scan_topic': ','.join(topic.name for topic in topics.scans),
         'pose_topic': topics.pose.name,
-        'scans': n_scans,
+        'scans': topics.n_scans,
         'scans_used': pipeline.scans_used,
-        'dropped': dropped,
+        'dropped': dict(scans.placer.dropped),
         'frames_without_mount': unmounted,
         'width': grid_map.spec.width,
         'height': grid_map.spec.height,

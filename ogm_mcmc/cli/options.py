@@ -17,9 +17,9 @@ from ogm_mcmc.config import (
     read_parameter_file,
     settings_of,
 )
+from ogm_mcmc.config.nodes import NODE_CONFIGS
+from ogm_mcmc.engine.bag_scans import StreamChoice
 from ogm_mcmc.errors import ConfigError
-from ogm_mcmc.io.scan_stream import StreamChoice
-from ogm_mcmc.ros.settings import NODE_CONFIGS
 
 __all__ = [
     'Subparsers',
@@ -123,4 +123,5 @@ def stream_choice(
         options.pose_source,
         placing.max_pose_gap,
         'range' if config.method == 'sonar' else 'scan',
+        placing.mount,
     )

@@ -7,9 +7,9 @@ from pathlib import Path
 
 from ogm_mcmc.cli.options import Subparsers
 from ogm_mcmc.config import add_arguments, build, given
+from ogm_mcmc.config.nodes import ReplayConfig
 from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.io.bags import BagReader
-from ogm_mcmc.ros.settings import ReplayConfig
 
 __all__ = ['add_to']
 

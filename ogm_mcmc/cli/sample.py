@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from tqdm import tqdm
 
-from ogm_mcmc.cli.bag_scans import BagScans, read_bag
+from ogm_mcmc.cli.bag_scans import read_bag
 from ogm_mcmc.cli.option_ranges import Range, check_options
 from ogm_mcmc.cli.options import (
     Subparsers,
@@ -26,7 +26,6 @@ from ogm_mcmc.cli.options import (
 )
 from ogm_mcmc.cli.sample_files import SampledMaps, write_all
 from ogm_mcmc.cli.sampling_bar import interruptible, sample
-from ogm_mcmc.cluster import connected, distribute
 from ogm_mcmc.config import (
     OutputConfig,
     PlacingConfig,
@@ -36,11 +35,13 @@ from ogm_mcmc.config import (
     flatten,
     settings_of,
 )
+from ogm_mcmc.config.nodes import REFINE_CONFIGS
+from ogm_mcmc.engine.bag_scans import BagScans
+from ogm_mcmc.engine.refinement import Progress, Recording, Refinement, warm_up
 from ogm_mcmc.errors import ConfigError, OutputError
 from ogm_mcmc.geometry import GridMap, GridSpec
 from ogm_mcmc.io.map_files import checked_name, load_grid, makeable_folder, writable_folder
-from ogm_mcmc.refinement import Progress, Recording, Refinement, warm_up
-from ogm_mcmc.ros.settings import REFINE_CONFIGS
+from ogm_mcmc.lab.cluster import connected, distribute
 
 __all__ = ['add_to']
 
@@ -124,8 +125,8 @@ def _run(
     started = time.perf_counter()
     bag = read_bag(options, chosen.placing)
     recording = Recording(chosen.recording)
-    for placement in bag.placements:
-        recording.add(placement)
+    for placed in bag.placed:
+        recording.add(placed)
     refinement = Refinement(chosen.sampler)
     scans = recording.snapshot()
     refinement.take(scans, start)
@@ -234,7 +235,7 @@ def _read(options: argparse.Namespace, bag: BagScans) -> dict[str, Any]:
         'bag': str(options.bag),
         'scan_topic': ','.join(topic.name for topic in bag.topics.scans),
         'pose_topic': bag.topics.pose.name,
-        'scans': bag.n_scans,
+        'scans': bag.topics.n_scans,
         'dropped': bag.dropped,
     }
 

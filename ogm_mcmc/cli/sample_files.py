@@ -11,13 +11,13 @@ import numpy as np
 
 from ogm_mcmc.arrays import Float32Array, UInt8Array
 from ogm_mcmc.config import OutputConfig
+from ogm_mcmc.engine.refinement import Refinement, hide_uncertain
 from ogm_mcmc.errors import OutputError
 from ogm_mcmc.geometry import CellBox, GridMap
 from ogm_mcmc.geometry.grid_map import entropy_bits
 from ogm_mcmc.io.map_files import save_map, save_npz, writable_folder
 from ogm_mcmc.io.sample_files import MapSamples, save_samples
 from ogm_mcmc.plotting import heat_png
-from ogm_mcmc.refinement import Refinement, hide_uncertain
 
 __all__ = ['SampledMaps', 'write_all']
 

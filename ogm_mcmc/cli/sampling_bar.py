@@ -11,7 +11,7 @@ from types import FrameType
 from tqdm import tqdm
 
 from ogm_mcmc.config import StopConfig
-from ogm_mcmc.refinement import Progress, Refinement
+from ogm_mcmc.engine.refinement import Progress, Refinement
 
 __all__ = ['interruptible', 'sample', 'status']
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from tqdm import tqdm
@@ -34,7 +34,6 @@ from ogm_mcmc.simulation import (
     Building,
     Lidar,
     LocalizedScan,
-    SimulatedScan,
     SonarRing,
     rasterised,
     record,
@@ -45,8 +44,6 @@ from ogm_mcmc.simulation import (
 )
 
 __all__ = ['add_to']
-
-S = TypeVar('S', SimulatedScan, LocalizedScan)
 
 
 def add_to(subparsers: Subparsers) -> None:
@@ -77,7 +74,7 @@ def run(options: argparse.Namespace) -> int:
     makeable_folder(output.parent)
     poses: dict[int, Pose2D] = {}
     with tqdm(scans, unit=' scans', desc='simulate', disable=None) as bar:
-        count = _write_bag(options, _noted(bar, poses))
+        count = _write_bag(options, sensor, _noted(bar, sensor, poses))
     write_poses(beside['poses'], poses.items())
     if isinstance(sensor, SonarRing):
         write_sonar_parameters(beside['sonars'], sensor)
@@ -113,20 +110,32 @@ def _files_beside(options: argparse.Namespace, sensor: Lidar | SonarRing) -> dic
     return beside
 
 
-def _write_bag(options: argparse.Namespace, scans: Iterator[Any]) -> int:
+def _write_bag(
+    options: argparse.Namespace, sensor: Lidar | SonarRing, scans: Iterator[Any]
+) -> int:
     """Write the bag; return the number of scans or readings."""
     output, overwrite = options.output, options.overwrite
     if options.localize:
         return write_localized(output, scans, particles=options.particles, overwrite=overwrite)
-    placed = ((one.scan, one.pose) for one in scans)
-    write = write_sonar_recording if options.sensor == 'sonar' else write_recording
-    return write(output, placed, overwrite=overwrite)
+    if isinstance(sensor, SonarRing):
+        return write_sonar_recording(output, scans, sensor.mounts(), overwrite=overwrite)
+    return write_recording(output, scans, overwrite=overwrite)
 
 
-def _noted(scans: Iterable[S], poses: dict[int, Pose2D]) -> Iterator[S]:
-    """Pass scans on and note their true poses by stamp: sonars of one stamp share theirs."""
+def _noted(
+    scans: Iterable[Any], sensor: Lidar | SonarRing, poses: dict[int, Pose2D]
+) -> Iterator[Any]:
+    """Pass scans on and note the robot's true pose by stamp: sonars of one stamp share it."""
+    mounts = sensor.mounts() if isinstance(sensor, SonarRing) else {}
     for one in scans:
-        poses[one.scan.stamp_ns] = one.pose
+        scan, pose = (
+            (one.placed.scan, one.truth)
+            if isinstance(one, LocalizedScan)
+            else (one.scan, one.pose)
+        )
+        if scan.frame_id in mounts:
+            pose = pose.compose(mounts[scan.frame_id].inverse())
+        poses.setdefault(scan.stamp_ns, pose)
         yield one
 
 

@@ -3,7 +3,6 @@
 from ogm_mcmc.config.adaptive import AdaptiveConfig
 from ogm_mcmc.config.evaluation import EvaluationConfig, ExpectedScanConfig, HeldOutConfig
 from ogm_mcmc.config.mapping import (
-    LIVE_MAPPING,
     CountingConfig,
     GaussianModelConfig,
     MapperConfig,
@@ -42,7 +41,6 @@ __all__ = [
     'ChainConfig',
     'ForwardModelConfig',
     'LearningConfig',
-    'LIVE_MAPPING',
     'CountingConfig',
     'EvaluationConfig',
     'ExpectedScanConfig',

@@ -24,12 +24,15 @@ class AdaptiveConfig:
         high=12,
     )
     unknowns: bool = setting(
-        True, 'beams that end before a leaf take part in its test; false: hits and misses only'
+        True,
+        'beams that end before a leaf take part in its test; false: hits and misses only',
+        parameter=False,
     )
     way_to_hit: bool = setting(
         True,
         'a beam that ends in a leaf is also a miss, by the share of its side it crossed first; '
         'false: a hit and nothing else',
+        parameter=False,
     )
     significance: float = setting(
         0.05,

@@ -11,7 +11,6 @@ from ogm_mcmc.config.settings import check_bounds, setting
 from ogm_mcmc.errors import require
 
 __all__ = [
-    'LIVE_MAPPING',
     'CountingConfig',
     'GaussianModelConfig',
     'MapperConfig',
@@ -29,10 +28,10 @@ class StepModelConfig:
     """The step inverse sensor model ([gibbs] section II; values of Haehnel)."""
 
     l_free: float = setting(
-        -1.3863, 'log-odds added to a cell a beam went through', low=-20.0, high=0.0
+        -1.3863, 'log-odds added to a cell a beam went through', low=-20.0, high=0.0, live=True
     )
     l_occ: float = setting(
-        1.3863, 'log-odds added to the cell a beam ended in', low=0.0, high=20.0
+        1.3863, 'log-odds added to the cell a beam ended in', low=0.0, high=20.0, live=True
     )
 
 
@@ -40,25 +39,29 @@ class StepModelConfig:
 class GaussianModelConfig:
     """The Gaussian inverse sensor model ([pose] Eq. 4, corrected)."""
 
-    sigma: float = setting(0.03, 'standard deviation of a range, m', low=1e-4, high=10.0)
+    sigma: float = setting(
+        0.03, 'standard deviation of a range, m', low=1e-4, high=10.0, live=True
+    )
     sigma_growth: float = setting(
         0.0,
         'sigma grows by this times the square of the range, 1/m; stereo: 1 / (baseline * focal '
         'length in pixels)',
         low=0.0,
         high=10.0,
+        live=True,
     )
     width: float = setting(
         0.0,
         'depth that a reading declares occupied, m; 0: the diagonal of a cell',
         low=0.0,
         high=100.0,
+        live=True,
     )
     l_min: float = setting(
-        -1.3863, 'the lowest log-odds one scan gives a cell', low=-20.0, high=-0.01
+        -1.3863, 'the lowest log-odds one scan gives a cell', low=-20.0, high=-0.01, live=True
     )
     l_max: float = setting(
-        1.3863, 'the highest log-odds one scan gives a cell', low=0.01, high=20.0
+        1.3863, 'the highest log-odds one scan gives a cell', low=0.01, high=20.0, live=True
     )
 
 
@@ -67,22 +70,39 @@ class SonarModelConfig:
     """The cone of a sonar ([slides]): linear in the range, Gaussian across the angle."""
 
     opening_angle: float = setting(
-        0.5, 'full angle of the cone where a reading does not name it, rad', low=0.001, high=3.1
+        0.5,
+        'full angle of the cone where a reading does not name it, rad',
+        low=0.001,
+        high=3.1,
+        live=True,
     )
     sigma_share: float = setting(
-        0.5, 'standard deviation across the angle over half of the cone', low=0.01, high=100.0
+        0.5,
+        'standard deviation across the angle over half of the cone',
+        low=0.01,
+        high=100.0,
+        live=True,
     )
     strength: float = setting(
-        0.3, 'most a reading of range 0 moves a probability away from 0.5', low=0.0, high=0.49
+        0.3,
+        'most a reading of range 0 moves a probability away from 0.5',
+        low=0.0,
+        high=0.49,
+        live=True,
     )
     strength_far: float = setting(
-        0.1, 'the same for a reading of the greatest range; linear between', low=0.0, high=0.49
+        0.1,
+        'the same for a reading of the greatest range; linear between',
+        low=0.0,
+        high=0.49,
+        live=True,
     )
     thickness: float = setting(
         0.1,
         'an echo says something up to this far behind (and before) it, m',
         low=0.001,
         high=10.0,
+        live=True,
     )
 
 
@@ -91,24 +111,31 @@ class PoseUncertainConfig:
     """How a belief about the pose becomes samples ([pose] section V)."""
 
     samples: int = setting(
-        100, 'poses drawn from a Gaussian belief; particles are all used', low=1, high=10_000
+        100,
+        'poses drawn from a Gaussian belief; particles are all used',
+        low=1,
+        high=10_000,
+        live=True,
     )
     accuracy: float = setting(
         0.0,
         'above 0: draw only so many that the mean of the beam ends is known this well, m (95 %)',
         low=0.0,
         high=100.0,
+        live=True,
     )
     negligible: float = setting(
         0.001,
         'the lightest particles that together weigh at most this are left out',
         low=0.0,
         high=0.5,
+        live=True,
     )
     draw: str = setting(
         'quasi',
         'quasi: evenly spread draws, of which fewer suffice; random: independent draws',
         choices=('quasi', 'random'),
+        live=True,
     )
     seed: int = setting(1, 'seed of the draws', low=0, high=2**31 - 1)
 
@@ -121,6 +148,7 @@ class CountingConfig:
         'reflection',
         'reflection: hits / (hits + misses); ml: 1 or 0, whichever is the likelier',
         choices=('reflection', 'ml'),
+        live=True,
     )
 
 
@@ -145,11 +173,13 @@ class MapperConfig:
         'what a beam says about the cells around its end '
         '(two_assumption, pose_uncertain, random_field)',
         choices=('step', 'gaussian'),
+        live=True,
     )
     fusion: str = setting(
         'per_scan',
         'per_scan: each cell once per scan, a hit beats a miss; per_beam: every beam counts',
         choices=('per_scan', 'per_beam'),
+        live=True,
     )
     resolution: float = setting(0.05, 'side of a cell, m', low=0.001, high=10.0)
     prior: float = setting(
@@ -160,18 +190,21 @@ class MapperConfig:
         'log-odds are kept within plus and minus this; 3.5 lets a map follow moving things',
         low=0.1,
         high=1000.0,
+        live=True,
     )
     max_range: float = setting(
         0.0,
         "beams are used up to this range, m; longer ones clear up to it; 0: the sensor's own",
         low=0.0,
         high=10000.0,
+        live=True,
     )
     no_return: str = setting(
         'clear',
         'clear: +inf clears up to range_max (REP 117); ignore: it says nothing, as is wiser '
         'where glass and dark walls return nothing either',
         choices=('clear', 'ignore'),
+        live=True,
     )
     max_cells: int = setting(
         100_000_000, 'the map never grows beyond this many cells', low=4096, high=4_000_000_000
@@ -196,35 +229,6 @@ class MapperConfig:
         )
 
 
-# What may change while a map grows: it only decides what later scans add, or what is shown.
-LIVE_MAPPING = frozenset(
-    {
-        'inverse_model',
-        'fusion',
-        'log_odds_limit',
-        'max_range',
-        'no_return',
-        'step.l_free',
-        'step.l_occ',
-        'gaussian.sigma',
-        'gaussian.sigma_growth',
-        'gaussian.width',
-        'gaussian.l_min',
-        'gaussian.l_max',
-        'pose_uncertain.samples',
-        'pose_uncertain.accuracy',
-        'pose_uncertain.draw',
-        'pose_uncertain.negligible',
-        'counting.show',
-        'sonar.opening_angle',
-        'sonar.sigma_share',
-        'sonar.strength',
-        'sonar.strength_far',
-        'sonar.thickness',
-    }
-)
-
-
 @dataclass(frozen=True)
 class OutputConfig:
     """How probabilities become an OccupancyGrid or a map file."""
@@ -233,12 +237,17 @@ class OutputConfig:
         'probability',
         'probability: 0..100 in every measured cell; trinary: 0, 100 or unknown',
         choices=('probability', 'trinary'),
+        live=True,
     )
     occupied_thresh: float = setting(
-        0.65, 'occupied from this probability on (trinary, map files)', low=0.0, high=1.0
+        0.65,
+        'occupied from this probability on (trinary, map files)',
+        low=0.0,
+        high=1.0,
+        live=True,
     )
     free_thresh: float = setting(
-        0.25, 'free up to this probability (trinary, map files)', low=0.0, high=1.0
+        0.25, 'free up to this probability (trinary, map files)', low=0.0, high=1.0, live=True
     )
 
     def __post_init__(self) -> None:
@@ -289,7 +298,11 @@ class PlacingConfig:
     """Where a scan was taken: poses between messages, and the sensor on the robot."""
 
     max_pose_gap: float = setting(
-        2.0, 'poses further apart than this are not interpolated, s', low=0.0, high=3600.0
+        2.0,
+        'poses further apart than this are not interpolated, s',
+        low=0.0,
+        high=3600.0,
+        live=True,
     )
     mount: MountConfig = MountConfig()
 

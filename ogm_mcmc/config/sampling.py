@@ -132,13 +132,17 @@ class ChainConfig:
 class StopConfig:
     """When sampling is done; whatever comes first."""
 
-    max_sweeps: int = setting(2000, 'sweeps of each chain', low=1, high=10**9)
-    max_time: float = setting(60.0, 'time for sampling, s', low=0.01, high=1e7)
+    max_sweeps: int = setting(2000, 'sweeps of each chain', low=1, high=10**9, live=True)
+    max_time: float = setting(60.0, 'time for sampling, s', low=0.01, high=1e7, live=True)
     r_hat: float = setting(
-        1.05, 'chains agree where R-hat is below this; 0: never stop for it', low=0.0, high=10.0
+        1.05,
+        'chains agree where R-hat is below this; 0: never stop for it',
+        low=0.0,
+        high=10.0,
+        live=True,
     )
     agreeing_share: float = setting(
-        0.99, 'enough when so many of the measured cells agree', low=0.0, high=1.0
+        0.99, 'enough when so many of the measured cells agree', low=0.0, high=1.0, live=True
     )
 
     def __post_init__(self) -> None:
@@ -189,6 +193,7 @@ class PatchConfig:
         'not leave the posterior as it is; 0: the exact way, `escape`',
         low=0.0,
         high=1.0,
+        parameter=False,
     )
     margin: int = setting(
         5, 'the window goes on so many cells beyond all rays', low=1, high=10_000
@@ -224,11 +229,15 @@ class SamplerConfig:
 class RecordingConfig:
     """Which scans are kept for sampling; the oldest go first."""
 
-    max_scans: int = setting(2000, 'scans kept for sampling', low=1, high=10**7)
+    max_scans: int = setting(2000, 'scans kept for sampling', low=1, high=10**7, live=True)
     max_seconds: float = setting(
-        0.0, 'scans older than this before the newest are let go, s; 0: none', low=0.0, high=1e9
+        0.0,
+        'scans older than this before the newest are let go, s; 0: none',
+        low=0.0,
+        high=1e9,
+        live=True,
     )
-    max_rays: int = setting(1_000_000, 'beams kept for sampling', low=1, high=10**9)
+    max_rays: int = setting(1_000_000, 'beams kept for sampling', low=1, high=10**9, live=True)
 
     def __post_init__(self) -> None:
         """Refuse what is out of bounds."""

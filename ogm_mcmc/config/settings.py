@@ -36,7 +36,7 @@ T = TypeVar('T')
 
 @dataclass(frozen=True)
 class Setting:
-    """One leaf of a config class: dotted name, type, default, meaning and bounds."""
+    """One leaf of a config class; `live` and `parameter` as `setting` has them."""
 
     name: str
     type: type
@@ -45,6 +45,8 @@ class Setting:
     low: float | None = None
     high: float | None = None
     choices: tuple[str, ...] = ()
+    live: bool = False
+    parameter: bool = True
 
 
 def setting(
@@ -54,14 +56,27 @@ def setting(
     low: float | None = None,
     high: float | None = None,
     choices: tuple[str, ...] = (),
+    live: bool = False,
+    parameter: bool = True,
 ) -> Any:
-    """Declare a dataclass field with its description and inclusive bounds."""
-    bounds = {'description': description, 'low': low, 'high': high, 'choices': choices}
-    return field(default=default, metadata=bounds)
+    """Declare a dataclass field with its description and inclusive bounds.
+
+    A `live` one may change while a node runs. One that is no `parameter` is a switch for
+    experiments: Python code sets it, nodes and commands do not offer it.
+    """
+    facts = {'description': description, 'low': low, 'high': high}
+    return field(
+        default=default,
+        metadata={**facts, 'choices': choices, 'live': live, 'parameter': parameter},
+    )
 
 
-def settings_of(cls: type, prefix: str = '', example: Any = None) -> Iterator[Setting]:
+def settings_of(
+    cls: type, prefix: str = '', example: Any = None, *, switches: bool = False
+) -> Iterator[Setting]:
     """Walk over the leaves of a config class, depth first, in order of declaration.
+
+    With `switches` those that are no parameters are among them.
 
     Defaults are those of `example`, an object of the class, where there is one: a class may give
     a nested one other defaults than its own.
@@ -71,15 +86,15 @@ def settings_of(cls: type, prefix: str = '', example: Any = None) -> Iterator[Se
         kind: type = hints[item.name]
         default = item.default if example is None else getattr(example, item.name)
         if hasattr(kind, '__dataclass_fields__'):
-            yield from settings_of(kind, f'{prefix}{item.name}.', default)
-        else:
+            yield from settings_of(kind, f'{prefix}{item.name}.', default, switches=switches)
+        elif switches or item.metadata['parameter']:
             yield Setting(f'{prefix}{item.name}', kind, default, **item.metadata)
 
 
 def check_bounds(config: Any) -> None:
     """Refuse a config object with a leaf of the wrong type or out of bounds."""
     values = flatten(config)
-    for leaf in settings_of(config.__class__):
+    for leaf in settings_of(config.__class__, switches=True):
         value = values[leaf.name]
         number = leaf.type in (int, float)
         right_type = isinstance(value, leaf.type) or (leaf.type is float and type(value) is int)
@@ -156,7 +171,7 @@ def build(cls: type[T], values: Mapping[str, Any], *, ignore_unknown: bool = Fal
 
     Raises ConfigError for an unknown name (listing the known ones) and for a refused value.
     """
-    known = {leaf.name for leaf in settings_of(cls)}
+    known = {leaf.name for leaf in settings_of(cls, switches=True)}
     unknown = sorted(set(values) - known)
     if unknown and not ignore_unknown:
         raise ConfigError(f'unknown setting {unknown[0]!r}: one of {", ".join(sorted(known))}')

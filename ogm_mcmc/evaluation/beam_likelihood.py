@@ -22,7 +22,7 @@ from ogm_mcmc.arrays import AnyArray, BoolArray, Float64Array
 from ogm_mcmc.errors import GridError
 from ogm_mcmc.evaluation.first_hit_kernels import segment_log_sums
 from ogm_mcmc.evaluation.first_hits import FirstHits, first_hits
-from ogm_mcmc.geometry import GridMap, Pose2D, Scan
+from ogm_mcmc.geometry import GridMap, PlacedScan, Scan
 from ogm_mcmc.sensors.forward_model import ForwardModel
 
 __all__ = [
@@ -75,14 +75,14 @@ def density_within(judge: LogDensity | ForwardModel, reach_m: float) -> LogDensi
 
 def beam_log_likelihood(
     grid_map: GridMap,
-    placed: Iterable[tuple[Scan, Pose2D]],
+    placed: Iterable[PlacedScan],
     judge: LogDensity | ForwardModel,
     *,
     prior: float = 0.5,
     no_return: str = 'clear',
     depth: float | None = None,
 ) -> Float64Array:
-    """Log-likelihood (N,) of every informative beam of scans from known sensor poses, nats.
+    """Log-likelihood (N,) of every informative beam of scans at their mean poses, nats.
 
     Unknown cells and those outside of the map are occupied with probability `prior`. `depth`
     says where inside a cell a beam is reflected: by default as the model has it, or half way.
@@ -90,18 +90,19 @@ def beam_log_likelihood(
     if depth is None:
         depth = judge.depth if isinstance(judge, ForwardModel) else 0.5
     parts = [np.empty(0)]
-    for scan, sensor in placed:
+    for scan, belief in placed:
         beams = informative_beams(scan, no_return=no_return)
         bearings = scan.angle_min_rad + scan.angle_increment_rad * np.flatnonzero(beams)
-        hits = first_hits(grid_map, sensor, bearings, scan.range_max_m, prior=prior, depth=depth)
-        log_density = density_within(judge, scan.range_max_m)
+        reach = scan.range_max_m
+        hits = first_hits(grid_map, belief.mean, bearings, reach, prior=prior, depth=depth)
+        log_density = density_within(judge, reach)
         parts.append(_log_likelihood(hits, scan.ranges_m[beams].astype(np.float64), log_density))
     return np.concatenate(parts)
 
 
 def log_likelihood_of_samples(
     samples: Iterable[GridMap],
-    placed: Sequence[tuple[Scan, Pose2D]],
+    placed: Sequence[PlacedScan],
     judge: LogDensity | ForwardModel,
     *,
     prior: float = 0.0,

@@ -27,7 +27,7 @@ import numpy as np
 from ogm_mcmc.arrays import AnyArray, BoolArray, Float32Array, Float64Array, Int64Array
 from ogm_mcmc.errors import require
 from ogm_mcmc.evaluation.beam_likelihood import informative_beams
-from ogm_mcmc.geometry import GridSpec, Pose2D, Scan
+from ogm_mcmc.geometry import GridSpec, PlacedScan, Pose2D, Scan
 from ogm_mcmc.geometry.rays import usable_range
 
 __all__ = [
@@ -40,8 +40,6 @@ __all__ = [
 ]
 
 LEAVING = ('unknown', 'exclude')
-
-Placed = tuple[Scan, Pose2D]
 
 
 class Ratio(NamedTuple):
@@ -69,14 +67,14 @@ def ratio_of_sums(sums: AnyArray, counts: AnyArray) -> Ratio:
 
 
 class HeldOutBeams(NamedTuple):
-    """Scans that judge a map, from known sensor poses, and facts about their N beams.
+    """Scans that judge a map, at the means of their beliefs, and facts about their N beams.
 
     Of every informative beam, in order: `scan` (N,) int64, which of the scans it belongs to;
     `returned` (N,), something was measured; `cell` (N,) int64, the cell of the map it ends in,
     counted along the rows, -1 outside. `left_out`: how many do not count because they end there.
     """
 
-    placed: list[Placed]
+    placed: list[PlacedScan]
     scan: Int64Array
     returned: BoolArray
     cell: Int64Array
@@ -114,7 +112,7 @@ class HeldOutBeams(NamedTuple):
 
 
 def held_out_beams(
-    placed: Iterable[Placed],
+    placed: Iterable[PlacedScan],
     spec: GridSpec,
     *,
     max_range_m: float = 0.0,
@@ -129,21 +127,21 @@ def held_out_beams(
     counts are dropped. Raises GridError for a range of 2**18 cells or more.
     """
     require(leaving in LEAVING, 'leaving', leaving, f'one of {", ".join(LEAVING)}')
-    used: list[Placed] = []
+    used: list[PlacedScan] = []
     scans, returned, cells, left_out = [], [], [], 0
-    for whole, sensor in placed:
+    for whole, belief in placed:
         scan = _limited(whole, usable_range(whole, spec, max_range_m), no_return)
         if leaving == 'exclude':
             before = int(informative_beams(scan).sum())
-            scan = _without_leaving(scan, sensor, spec)
+            scan = _without_leaving(scan, belief.mean, spec)
             left_out += before - int(informative_beams(scan).sum())
         beams = informative_beams(scan)
         if not beams.any():
             continue
         scans.append(np.full(int(beams.sum()), len(used), np.int64))
         returned.append(np.isfinite(scan.ranges_m[beams]))
-        cells.append(_end_cells(scan, sensor, spec)[beams])
-        used.append((scan, sensor))
+        cells.append(_end_cells(scan, belief.mean, spec)[beams])
+        used.append(PlacedScan(scan, belief))
     if not used:
         none = np.zeros(0, np.int64)
         return HeldOutBeams([], none, np.zeros(0, np.bool_), none, left_out)
@@ -152,9 +150,11 @@ def held_out_beams(
     )
 
 
-def without_beams_that_leave(placed: Iterable[Placed], spec: GridSpec) -> list[Placed]:
+def without_beams_that_leave(placed: Iterable[PlacedScan], spec: GridSpec) -> list[PlacedScan]:
     """Return the scans with those readings made invalid that end outside of a grid."""
-    return [(_without_leaving(scan, sensor, spec), sensor) for scan, sensor in placed]
+    return [
+        PlacedScan(_without_leaving(scan, belief.mean, spec), belief) for scan, belief in placed
+    ]
 
 
 def _without_leaving(scan: Scan, sensor: Pose2D, spec: GridSpec) -> Scan:

@@ -43,11 +43,11 @@ instead of 10.6 ms for 200 scans), not enough for what it adds; it is what to tr
 
 from ogm_mcmc.geometry.grid_map import GridMap
 from ogm_mcmc.geometry.grid_spec import CellBox, GridSpec
+from ogm_mcmc.geometry.placed_scan import PlacedScan, SensorMount
 from ogm_mcmc.geometry.pose import (
     Pose2D,
     PoseBelief,
     PoseSamples,
-    SensorMount,
     interpolate,
     pose_from_quaternion,
     wrap_angle,
@@ -59,6 +59,7 @@ __all__ = [
     'CellBox',
     'GridMap',
     'GridSpec',
+    'PlacedScan',
     'Pose2D',
     'PoseBelief',
     'PoseSamples',

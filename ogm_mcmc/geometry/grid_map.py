@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
-from ogm_mcmc.arrays import Float32Array, Float64Array, Int8Array
+from ogm_mcmc.arrays import AnyArray, Float32Array, Float64Array, Int8Array
 from ogm_mcmc.geometry.grid_spec import CellBox, GridSpec
 
 __all__ = ['GridMap', 'entropy_bits', 'occupancy_values', 'trinary_values']
@@ -45,6 +46,24 @@ class GridMap(NamedTuple):
 
     spec: GridSpec
     probability: Float32Array
+
+    @classmethod
+    def of_cells(
+        cls, spec: GridSpec, cells: AnyArray, values: AnyArray, elsewhere: float = math.nan
+    ) -> GridMap:
+        """Return a map of values (C,) at cells (C,), counted along the rows; else `elsewhere`."""
+        whole: Float32Array = np.full(spec.height * spec.width, elsewhere, np.float32)
+        whole[cells] = values
+        return cls(spec, whole.reshape(spec.height, spec.width))
+
+    def windowed(self, box: CellBox) -> GridMap:
+        """Return another window of the same lattice; nan where this map has no cell."""
+        spec = self.spec.windowed(box)
+        values: Float32Array = np.full((spec.height, spec.width), np.nan, np.float32)
+        both = box.intersection(self.spec.box)
+        if not both.empty:
+            values[spec.slices(both)] = self.probability[self.spec.slices(both)]
+        return GridMap(spec, values)
 
     def cropped(self) -> GridMap:
         """Return the smallest window with every measured cell (one cell if there is none)."""

@@ -18,7 +18,6 @@ __all__ = [
     'Pose2D',
     'PoseBelief',
     'PoseSamples',
-    'SensorMount',
     'interpolate',
     'pose_from_quaternion',
     'wrap_angle',
@@ -172,11 +171,3 @@ def pose_from_quaternion(
         )
     yaw = math.atan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z))
     return Pose2D(position[0], position[1], yaw), up < 0.0
-
-
-@dataclass(frozen=True, slots=True)
-class SensorMount:
-    """Where the sensor sits on the robot; upside down means its bearings run clockwise."""
-
-    pose: Pose2D = Pose2D()
-    upside_down: bool = False

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ogm_mcmc.geometry import Pose2D, Scan
+from ogm_mcmc.geometry import PlacedScan, Scan
 from ogm_mcmc.io import ros_types
 from ogm_mcmc.io.bags import BagWriter
 from ogm_mcmc.io.carmen_import import systematic
@@ -16,15 +16,13 @@ from ogm_mcmc.simulation import LocalizedScan
 __all__ = ['write_localized', 'write_recording']
 
 
-def write_recording(
-    path: Path, scans: Iterable[tuple[Scan, Pose2D]], *, overwrite: bool = False
-) -> int:
+def write_recording(path: Path, scans: Iterable[PlacedScan], *, overwrite: bool = False) -> int:
     """Write `scan` and `pose` (known, so of covariance zero); return the number of scans."""
     count = 0
     with BagWriter(path, overwrite=overwrite) as bag:
-        for scan, pose in scans:
+        for scan, belief in scans:
             stamp = scan.stamp_ns
-            known = ros_types.pose_with_covariance(stamp, 'map', pose, np.zeros((3, 3)))
+            known = ros_types.pose_with_covariance(stamp, 'map', belief.mean, np.zeros((3, 3)))
             bag.write('/pose', ros_types.POSE, stamp, known)
             _write_scan(bag, scan)
             count += 1
@@ -40,7 +38,7 @@ def write_localized(
     """
     count = 0
     with BagWriter(path, overwrite=overwrite) as bag:
-        for scan, _, belief, odometry in scans:
+        for (scan, belief), _, odometry in scans:
             stamp = scan.stamp_ns
             odom = ros_types.odometry(stamp, odometry, 0.0, 0.0)
             bag.write('/odom', ros_types.ODOMETRY, stamp, odom)

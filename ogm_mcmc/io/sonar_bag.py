@@ -6,13 +6,13 @@ topic, as the node subscribes to one; the parameter file says where the frames a
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
 import yaml
 
-from ogm_mcmc.geometry import Pose2D, Scan
+from ogm_mcmc.geometry import PlacedScan, Pose2D
 from ogm_mcmc.io import ros_types
 from ogm_mcmc.io.bags import BagWriter
 from ogm_mcmc.io.map_files import replacing
@@ -23,20 +23,23 @@ __all__ = ['write_sonar_parameters', 'write_sonar_recording']
 
 def write_sonar_recording(
     path: Path,
-    readings: Iterable[tuple[Scan, Pose2D]],
+    readings: Iterable[PlacedScan],
+    mounts: Mapping[str, Pose2D],
     *,
     topic: str = '/range',
     overwrite: bool = False,
 ) -> int:
     """Write `range` and the robot's known `pose` for each reading; return their number.
 
-    `readings` are scans of one cone and the pose of the robot. Readings of one stamp share a pose.
+    `readings` are scans of one cone, placed where their sonar was; `mounts` say by frame where it
+    sits on the robot. Readings of one stamp share a pose.
     """
     count, last_ns = 0, -1
     with BagWriter(path, overwrite=overwrite) as bag:
-        for scan, robot in readings:
+        for scan, belief in readings:
             stamp = scan.stamp_ns
             if stamp != last_ns:
+                robot = belief.mean.compose(mounts[scan.frame_id].inverse())
                 known = ros_types.pose_with_covariance(stamp, 'map', robot, np.zeros((3, 3)))
                 bag.write('/pose', ros_types.POSE, stamp, known)
                 last_ns = stamp

@@ -118,7 +118,7 @@ the end of a long log; for a live map every change would mean a solve of the who
 from ogm_mcmc.mapping.adaptive import AdaptiveMapper
 from ogm_mcmc.mapping.counting import CountingMapper
 from ogm_mcmc.mapping.log_odds_grid import LogOddsGrid
-from ogm_mcmc.mapping.method import METHODS, MappingMethod, Reconfigurable, make_method
+from ogm_mcmc.mapping.method import METHODS, MappingMethod, live_settings, make_method
 from ogm_mcmc.mapping.pose_uncertain import PoseUncertainMapper
 from ogm_mcmc.mapping.random_field import RandomFieldMapper
 from ogm_mcmc.mapping.sonar import SonarMapper
@@ -132,8 +132,8 @@ __all__ = [
     'MappingMethod',
     'PoseUncertainMapper',
     'RandomFieldMapper',
-    'Reconfigurable',
     'SonarMapper',
     'TwoAssumptionMapper',
+    'live_settings',
     'make_method',
 ]

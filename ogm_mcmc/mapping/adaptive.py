@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import math
 from statistics import NormalDist
-from typing import ClassVar
 
 import numpy as np
 
 from ogm_mcmc.arrays import Float32Array
-from ogm_mcmc.config import LIVE_MAPPING, MapperConfig
+from ogm_mcmc.config import MapperConfig
 from ogm_mcmc.errors import require
-from ogm_mcmc.geometry import CellBox, GridSpec, PoseBelief, PoseSamples, Scan
-from ogm_mcmc.geometry.pose_sampling import samples_of
+from ogm_mcmc.geometry import CellBox, GridSpec, PlacedScan, PoseSamples
 from ogm_mcmc.geometry.rays import SampledRays, cast_sampled_rays, usable_range
+from ogm_mcmc.mapping.pose_samples import pose_samples
 from ogm_mcmc.mapping.quadtree import Quadtree, TreeStatistics
 from ogm_mcmc.mapping.quadtree_arrays import PlacedBeams, Trail
 from ogm_mcmc.mapping.quadtree_counting_kernels import count_seen, count_unknowns, mark_again
@@ -92,8 +91,6 @@ class AdaptiveMapper:
     `coarsest_level` 0 make a regular grid, the same map as `two_assumption`.
     """
 
-    live_settings: ClassVar[frozenset[str]] = LIVE_MAPPING
-
     def __init__(self, config: MapperConfig) -> None:
         self.settings = config.adaptive
         for name in ('finest_level', 'output_level'):
@@ -113,7 +110,7 @@ class AdaptiveMapper:
         self.configure(config)
 
     def configure(self, config: MapperConfig) -> None:
-        """Take over settings; those that are not in `live_settings` must be the same."""
+        """Take over settings; the ones that are fixed at start are as before."""
         self.config = config
         # The values of the other methods, in float32 as they have them.
         self._l_free = float(np.float32(config.step.l_free))
@@ -133,9 +130,10 @@ class AdaptiveMapper:
             box.row0 >> level,
         )
 
-    def update(self, scan: Scan, belief: PoseBelief) -> CellBox:
+    def update(self, placed: PlacedScan) -> CellBox:
         """Add one scan; see `MappingMethod.update`."""
-        samples = self._samples(scan, belief)
+        scan = placed.scan
+        samples = pose_samples(placed, self.config.pose_uncertain, self._rng)
         rays = cast_sampled_rays(
             scan,
             samples.poses,
@@ -149,19 +147,6 @@ class AdaptiveMapper:
         reach_m = usable_range(scan, self._lattice, self.config.max_range)
         self._count_and_split(_placed(rays, samples, self.tree, reach_m / self.config.resolution))
         return self._apply_and_merge()
-
-    def _samples(self, scan: Scan, belief: PoseBelief) -> PoseSamples:
-        """Return what `pose_uncertain` would take; draws go on where the last ones ended."""
-        chosen = self.config.pose_uncertain
-        finite = scan.ranges_m[np.isfinite(scan.ranges_m)]
-        return samples_of(
-            belief,
-            self._rng,
-            count=chosen.samples,
-            quasi=chosen.draw == 'quasi',
-            accuracy_m=chosen.accuracy,
-            lever_m=float(finite.max(initial=0.0)),
-        )
 
     def _count_and_split(self, beams: PlacedBeams) -> None:
         """Count, split, and count again along the beams that met a leaf which was split."""

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import numpy as np
 
 from ogm_mcmc.arrays import Float32Array, UInt32Array
-from ogm_mcmc.config import LIVE_MAPPING, MapperConfig
-from ogm_mcmc.geometry import CellBox, GridSpec, PoseBelief, Scan, cast_rays
+from ogm_mcmc.config import MapperConfig
+from ogm_mcmc.geometry import CellBox, GridSpec, PlacedScan, cast_rays
 from ogm_mcmc.mapping.counting_kernels import count_per_beam, count_per_scan
 from ogm_mcmc.mapping.log_odds_grid import CountGrid
 
@@ -24,14 +22,12 @@ class CountingMapper:
     log-odds go to "free".
     """
 
-    live_settings: ClassVar[frozenset[str]] = LIVE_MAPPING
-
     def __init__(self, config: MapperConfig) -> None:
         self.grid = CountGrid(config.resolution, config.max_cells)
         self.configure(config)
 
     def configure(self, config: MapperConfig) -> None:
-        """Take over settings; those that are not in `live_settings` must be the same."""
+        """Take over settings; the ones that are fixed at start are as before."""
         self.config = config
 
     @property
@@ -39,12 +35,12 @@ class CountingMapper:
         """Where the cells lie."""
         return self.grid.spec
 
-    def update(self, scan: Scan, belief: PoseBelief) -> CellBox:
+    def update(self, placed: PlacedScan) -> CellBox:
         """Add one scan; see `MappingMethod.update`."""
         grid = self.grid
         rays = cast_rays(
-            scan,
-            belief.mean,
+            placed.scan,
+            placed.pose,
             grid.spec,
             max_range_m=self.config.max_range,
             no_return_clears=self.config.no_return == 'clear',

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import ClassVar
 
 import numpy as np
 
 from ogm_mcmc.arrays import Float32Array
-from ogm_mcmc.config import LIVE_MAPPING, MapperConfig
+from ogm_mcmc.config import MapperConfig
 from ogm_mcmc.geometry import CellBox, GridSpec
 from ogm_mcmc.mapping.log_odds_grid import LogOddsGrid
 
@@ -20,14 +19,12 @@ NOTHING = CellBox(0, 0, 0, 0)
 class LogOddsMapper:
     """A dense grid of log-odds; subclasses say what a scan adds."""
 
-    live_settings: ClassVar[frozenset[str]] = LIVE_MAPPING
-
     def __init__(self, config: MapperConfig) -> None:
         self.grid = LogOddsGrid(config.resolution, config.max_cells)
         self.configure(config)
 
     def configure(self, config: MapperConfig) -> None:
-        """Take over settings; those that are not in `live_settings` must be the same."""
+        """Take over settings; the ones that are fixed at start are as before."""
         self.config = config
         # Kernels see float32 only, so that each has one signature.
         self._prior = np.float32(math.log(config.prior) - math.log1p(-config.prior))

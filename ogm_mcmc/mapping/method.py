@@ -1,13 +1,18 @@
-"""What every mapping method offers, and how one is chosen by name."""
+"""What every mapping method offers, and the registration of each by name.
+
+To add a method, write its module, give it settings of its own in `ogm_mcmc.config` (with
+`live=True` where a change may take effect while it maps), and register it in `METHODS`. Choices of
+the parameter `method`, live parameters and the documentation follow from that.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import ClassVar, Protocol, runtime_checkable
+from typing import NamedTuple, Protocol
 
 from ogm_mcmc.arrays import Float32Array
-from ogm_mcmc.config import MapperConfig
-from ogm_mcmc.geometry import CellBox, GridSpec, PoseBelief, Scan
+from ogm_mcmc.config import MapperConfig, settings_of
+from ogm_mcmc.geometry import CellBox, GridSpec, PlacedScan
 from ogm_mcmc.mapping.adaptive import AdaptiveMapper
 from ogm_mcmc.mapping.counting import CountingMapper
 from ogm_mcmc.mapping.pose_uncertain import PoseUncertainMapper
@@ -15,11 +20,11 @@ from ogm_mcmc.mapping.random_field import RandomFieldMapper
 from ogm_mcmc.mapping.sonar import SonarMapper
 from ogm_mcmc.mapping.two_assumption import TwoAssumptionMapper
 
-__all__ = ['METHODS', 'MappingMethod', 'Reconfigurable', 'make_method']
+__all__ = ['METHODS', 'MappingMethod', 'Registration', 'live_settings', 'make_method']
 
 
 class MappingMethod(Protocol):
-    """Update with a scan and a belief over its pose; give the map.
+    """Update with a placed scan; give the map.
 
     A method owns its storage. It never changes a cell outside the box that `update` returns, so
     that what is shown can follow with work proportional to the change.
@@ -30,8 +35,8 @@ class MappingMethod(Protocol):
         """Where the cells lie at present; grows on its lattice, never moves."""
         ...
 
-    def update(self, scan: Scan, belief: PoseBelief) -> CellBox:
-        """Add one scan taken at a believed pose of the sensor; return the cells it may change.
+    def update(self, placed: PlacedScan) -> CellBox:
+        """Add one scan with the belief about its sensor's pose; return the cells it may change.
 
         Raises GridError, with nothing changed, when the map would become too large.
         """
@@ -39,6 +44,10 @@ class MappingMethod(Protocol):
 
     def probabilities(self, box: CellBox) -> Float32Array:
         """Probability of being occupied for each cell of a box, nan where never measured."""
+        ...
+
+    def configure(self, config: MapperConfig) -> None:
+        """Take over settings; the ones that are fixed at start are as before."""
         ...
 
     def reset(self) -> None:
@@ -50,27 +59,42 @@ class MappingMethod(Protocol):
         ...
 
 
-@runtime_checkable
-class Reconfigurable(Protocol):
-    """A method that takes over some settings while it maps."""
+class Registration(NamedTuple):
+    """How a method is made, and which settings beside `COMMON` it looks at.
 
-    live_settings: ClassVar[frozenset[str]]
+    `uses` holds names of fields of MapperConfig; a nested class stands for all of its settings.
+    """
 
-    def configure(self, config: MapperConfig) -> None:
-        """Take over settings; those that are not in `live_settings` are as before."""
-        ...
+    make: Callable[[MapperConfig], MappingMethod]
+    uses: frozenset[str]
 
 
-METHODS: dict[str, Callable[[MapperConfig], MappingMethod]] = {
-    'two_assumption': TwoAssumptionMapper,
-    'pose_uncertain': PoseUncertainMapper,
-    'counting': CountingMapper,
-    'sonar': SonarMapper,
-    'adaptive': AdaptiveMapper,
-    'random_field': RandomFieldMapper,
+COMMON = frozenset({'method', 'resolution', 'max_cells', 'max_range', 'no_return'})
+
+LOG_ODDS = frozenset({'prior', 'log_odds_limit'})
+BEAMS = LOG_ODDS | {'inverse_model', 'fusion', 'step', 'gaussian'}
+
+METHODS: dict[str, Registration] = {
+    'two_assumption': Registration(TwoAssumptionMapper, BEAMS),
+    'pose_uncertain': Registration(PoseUncertainMapper, BEAMS | {'pose_uncertain'}),
+    'adaptive': Registration(
+        AdaptiveMapper, LOG_ODDS | {'fusion', 'step', 'pose_uncertain', 'adaptive'}
+    ),
+    'counting': Registration(CountingMapper, frozenset({'fusion', 'counting'})),
+    'random_field': Registration(RandomFieldMapper, BEAMS | {'random_field'}),
+    'sonar': Registration(SonarMapper, LOG_ODDS | {'sonar'}),
 }
 
 
 def make_method(config: MapperConfig) -> MappingMethod:
     """Make the method a configuration names."""
-    return METHODS[config.method](config)
+    return METHODS[config.method].make(config)
+
+
+def live_settings(method: str) -> frozenset[str]:
+    """Return the dotted names of the settings that a method takes over while it maps."""
+    used = COMMON | METHODS[method].uses
+    leaves = settings_of(MapperConfig)
+    return frozenset(
+        leaf.name for leaf in leaves if leaf.live and leaf.name.partition('.')[0] in used
+    )

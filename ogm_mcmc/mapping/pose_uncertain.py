@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ogm_mcmc.config import MapperConfig
-from ogm_mcmc.geometry import CellBox, Pose2D, PoseBelief, PoseSamples, Scan
-from ogm_mcmc.geometry.pose_sampling import samples_of
+from ogm_mcmc.geometry import CellBox, PlacedScan, Pose2D
+from ogm_mcmc.mapping.pose_samples import pose_samples
 from ogm_mcmc.mapping.two_assumption import TwoAssumptionMapper
 
 __all__ = ['PoseUncertainMapper']
@@ -24,29 +24,12 @@ class PoseUncertainMapper(TwoAssumptionMapper):
         super().__init__(config)
         self.reset()
 
-    def update(self, scan: Scan, belief: PoseBelief) -> CellBox:
+    def update(self, placed: PlacedScan) -> CellBox:
         """Add one scan; see `MappingMethod.update`."""
-        samples = self.samples_of(scan, belief)
+        samples = pose_samples(placed, self.config.pose_uncertain, self._rng)
         if samples.weights.size == 1:
-            return self.update_at(scan, Pose2D(*samples.poses[0].tolist()))
-        return self.update_over(scan, samples)
-
-    def samples_of(self, scan: Scan, belief: PoseBelief) -> PoseSamples:
-        """Return the samples a belief stands for; draws go on where the last ones ended."""
-        chosen = self.config.pose_uncertain
-        lever_m = 0.0
-        if chosen.accuracy > 0.0:
-            finite = scan.ranges_m[np.isfinite(scan.ranges_m)]
-            lever_m = float(finite.max(initial=0.0))
-        return samples_of(
-            belief,
-            self._rng,
-            count=chosen.samples,
-            quasi=chosen.draw == 'quasi',
-            accuracy_m=chosen.accuracy,
-            lever_m=lever_m,
-            negligible=chosen.negligible,
-        )
+            return self.update_at(placed.scan, Pose2D(*samples.poses[0].tolist()))
+        return self.update_over(placed.scan, samples)
 
     def reset(self) -> None:
         """Forget every scan, give the memory back, and start the draws anew."""

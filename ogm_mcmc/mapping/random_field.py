@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+import contextlib
 
 import numpy as np
 
 from ogm_mcmc.arrays import Float32Array, Float64Array
 from ogm_mcmc.config import MapperConfig
 from ogm_mcmc.errors import GridError
-from ogm_mcmc.geometry import CellBox, GridSpec, PoseBelief, Scan, cast_rays
+from ogm_mcmc.geometry import CellBox, GridSpec, PlacedScan
 from ogm_mcmc.mapping.gaussian_field import GaussianField, stencil_radius
 from ogm_mcmc.mapping.two_assumption import TwoAssumptionMapper
 
@@ -27,8 +27,6 @@ class RandomFieldMapper:
     covariances of cells up to so many apart are kept, instead of those that `drop` leaves.
     """
 
-    live_settings: ClassVar[frozenset[str]] = TwoAssumptionMapper.live_settings
-
     def __init__(self, config: MapperConfig, *, radius: int | None = None) -> None:
         self.config = config
         self.radius = radius
@@ -37,7 +35,7 @@ class RandomFieldMapper:
         self._start()
 
     def configure(self, config: MapperConfig) -> None:
-        """Take over settings; those that are not in `live_settings` must be the same."""
+        """Take over settings; the ones that are fixed at start are as before."""
         self.config = config
         self.observed.configure(config)
 
@@ -58,24 +56,14 @@ class RandomFieldMapper:
         """Where the cells lie."""
         return self.observed.spec
 
-    def update(self, scan: Scan, belief: PoseBelief) -> CellBox:
+    def update(self, placed: PlacedScan) -> CellBox:
         """Add one scan; see `MappingMethod.update`. The box is wider than what was measured."""
-        rays = cast_rays(
-            scan,
-            belief.mean,
-            self.spec,
-            max_range_m=self.config.max_range,
-            no_return_clears=self.config.no_return == 'clear',
-        )
-        if rays.n_rays == 0:
-            return CellBox(0, 0, 0, 0)
-        seen = rays.box
-        try:
+        seen = self.observed.update(placed)
+        if seen.empty:
+            return seen
+        # What was measured may have room, though not all that is predicted.
+        with contextlib.suppress(GridError):
             self.observed.grid.cover(_widened(seen, self.field.radius))
-        except GridError:
-            # What was measured may still have room, though not all that is predicted.
-            self.observed.grid.cover(seen)
-        self.observed.update(scan, belief)
         self._mark(seen)
         return _widened(seen, self.field.radius).intersection(self.spec.box)
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from ogm_mcmc.config import MapperConfig
-from ogm_mcmc.geometry import CellBox, PoseBelief, Scan
+from ogm_mcmc.geometry import CellBox, PlacedScan, Scan
 from ogm_mcmc.geometry.rays import on_lattice, usable_range
 from ogm_mcmc.mapping.log_odds_mapper import NOTHING, LogOddsMapper
 from ogm_mcmc.mapping.sonar_kernels import add_cone
@@ -28,18 +28,19 @@ class SonarMapper(LogOddsMapper):
         super().configure(config)
         self._cone = SonarInverseModel(config.sonar)
 
-    def update(self, scan: Scan, belief: PoseBelief) -> CellBox:
+    def update(self, placed: PlacedScan) -> CellBox:
         """Add one scan; see `MappingMethod.update`."""
+        scan, sonar = placed.scan, placed.pose
         spec, metres = self.grid.spec, self.config.resolution
         reach = usable_range(scan, spec, self.config.max_range)
-        column, row, x, y = on_lattice(belief.mean, spec)
+        column, row, x, y = on_lattice(sonar, spec)
         opening = scan.beam_width_rad or self.config.sonar.opening_angle
         cones = []
         for beam, reading in enumerate(scan.ranges_m.tolist()):
             usable = self._usable(reading, scan, reach)
             if usable is not None:
                 bearing = scan.angle_min_rad + beam * scan.angle_increment_rad
-                cones.append((belief.mean.yaw_rad + bearing, *usable))
+                cones.append((sonar.yaw_rad + bearing, *usable))
         box, boxes = NOTHING, []
         for heading, length, hit in cones:
             furthest = (length + (self.config.sonar.thickness if hit else 0.0)) / metres

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ogm_mcmc.config import MapperConfig
-from ogm_mcmc.geometry import CellBox, Pose2D, PoseBelief, PoseSamples, Scan, cast_rays
+from ogm_mcmc.geometry import CellBox, PlacedScan, Pose2D, PoseSamples, Scan, cast_rays
 from ogm_mcmc.mapping.evidence import EvidenceWindow
 from ogm_mcmc.mapping.log_odds_mapper import NOTHING, LogOddsMapper
 from ogm_mcmc.mapping.two_assumption_kernels import fuse_per_beam, fuse_per_scan
@@ -32,9 +32,9 @@ class TwoAssumptionMapper(LogOddsMapper):
         self._beams = beam_model(config)
         self._model = (self._beams.l_free, self._beams.l_occ, self._prior, self._limit)
 
-    def update(self, scan: Scan, belief: PoseBelief) -> CellBox:
+    def update(self, placed: PlacedScan) -> CellBox:
         """Add one scan; see `MappingMethod.update`."""
-        return self.update_at(scan, belief.mean)
+        return self.update_at(placed.scan, placed.pose)
 
     def update_at(self, scan: Scan, sensor: Pose2D) -> CellBox:
         """Add one scan taken at a known pose of the sensor."""

@@ -11,9 +11,10 @@ from rclpy.node import Node
 
 from ogm_mcmc.arrays import Int8Array
 from ogm_mcmc.config import OutputConfig
+from ogm_mcmc.engine.map_view import MapView
 from ogm_mcmc.geometry import CellBox, GridSpec
 from ogm_mcmc.io.messages import fill_grid_header, fill_grid_update
-from ogm_mcmc.pipeline import MappingPipeline, MapView
+from ogm_mcmc.pipeline import MappingPipeline
 from ogm_mcmc.ros.qos import LATCHED
 
 __all__ = ['GridPublisher']
@@ -40,7 +41,12 @@ class GridPublisher:
     """
 
     def __init__(
-        self, node: Node, topic: str, pipeline: MappingPipeline, output: OutputConfig, kind: str
+        self,
+        node: Node,
+        topic: str,
+        pipeline: MappingPipeline,
+        output: OutputConfig,
+        kind: str = '',
     ) -> None:
         self.view = _MessageView(pipeline, output, kind)
         self.publisher = node.create_publisher(OccupancyGrid, topic, LATCHED)

@@ -13,24 +13,24 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool, Trigger
 
-from ogm_mcmc.config import LIVE_MAPPING, MapperConfig, OutputConfig, PlacingConfig
+from ogm_mcmc.config import MapperConfig, OutputConfig, PlacingConfig
+from ogm_mcmc.config.nodes import (
+    LIVE_PARAMETERS,
+    NODE_CONFIGS,
+    IntakeConfig,
+    OnlineMapperConfig,
+)
 from ogm_mcmc.errors import OgmError
-from ogm_mcmc.geometry import PoseBelief, Scan, SensorMount
+from ogm_mcmc.geometry import PlacedScan
 from ogm_mcmc.io.map_files import save_map
 from ogm_mcmc.io.tree_files import save_tree
-from ogm_mcmc.mapping import AdaptiveMapper
+from ogm_mcmc.mapping import AdaptiveMapper, live_settings
 from ogm_mcmc.pipeline import MappingPipeline, warm_up
 from ogm_mcmc.ros.diagnostics import DIAGNOSTICS_S, Diagnostics
 from ogm_mcmc.ros.grid_publisher import GridPublisher
 from ogm_mcmc.ros.parameters import ParameterSet
 from ogm_mcmc.ros.running import run_node
 from ogm_mcmc.ros.scan_intake import ScanIntake
-from ogm_mcmc.ros.settings import (
-    LIVE_PARAMETERS,
-    NODE_CONFIGS,
-    IntakeConfig,
-    OnlineMapperConfig,
-)
 
 __all__ = ['OnlineMapper', 'main']
 
@@ -62,7 +62,7 @@ class OnlineMapper(Node):
         warm_up(self.pipeline.config)
         self.get_logger().info(f'kernels ready after {time.monotonic() - started:.2f} s')
 
-        self.map_publisher = GridPublisher(self, 'map', self.pipeline, self.output, 'map')
+        self.map_publisher = GridPublisher(self, 'map', self.pipeline, self.output)
         self.entropy_publisher = GridPublisher(
             self, '~/entropy', self.pipeline, self.output, 'entropy'
         )
@@ -83,12 +83,12 @@ class OnlineMapper(Node):
 
     # -- scans in ---------------------------------------------------------------------------
 
-    def map_scan(self, scan: Scan, belief: PoseBelief, mount: SensorMount) -> None:
+    def map_scan(self, placed: PlacedScan) -> None:
         """Map a placed scan; raises GridError when the map would become too large."""
         started = time.perf_counter()
-        changed = self.pipeline.update(scan, belief, mount)
+        changed = self.pipeline.update(placed)
         self.mapping_s += time.perf_counter() - started
-        self._last_stamp_ns = scan.stamp_ns
+        self._last_stamp_ns = placed.scan.stamp_ns
         self.map_publisher.mark(changed)
         self.entropy_publisher.mark(changed)
         if self.pipeline.scans_used == 1:
@@ -184,10 +184,11 @@ class OnlineMapper(Node):
         return response
 
     def check_parameters(self, changes: list[Parameter]) -> SetParametersResult:
-        """Judge a change; a method may have settings fixed that others take over."""
-        fixed = LIVE_MAPPING - self.pipeline.live_settings
-        for name in sorted({change.name for change in changes} & fixed):
-            reason = f'{name} is fixed at start by method {self.pipeline.config.method}'
+        """Judge a change; what the method does not use is refused."""
+        method = self.pipeline.config.method
+        unused = self.parameters.live_of(MapperConfig) - live_settings(method)
+        for name in sorted({change.name for change in changes} & unused):
+            reason = f'{name} has no effect with method {method}'
             return SetParametersResult(successful=False, reason=reason)
         return self.parameters.check(changes)
 

@@ -79,6 +79,10 @@ class ParameterSet:
             if name not in self.leaves and not name.startswith(OTHERS):
                 self.node.get_logger().warning(f'parameter {name} is not known and has no effect')
 
+    def live_of(self, config: type) -> frozenset[str]:
+        """Return the names of a config class that may change at run time."""
+        return self.live & {leaf.name for leaf in settings_of(config)}
+
     def values(self) -> dict[str, Any]:
         """Return all current values by dotted name."""
         return {name: self.node.get_parameter(name).value for name in self.leaves}

@@ -22,20 +22,7 @@ from ogm_mcmc.config import (
     RecordingConfig,
     StopConfig,
 )
-from ogm_mcmc.errors import OgmError
-from ogm_mcmc.geometry import GridMap, GridSpec, PoseBelief, Scan, SensorMount
-from ogm_mcmc.geometry.grid_map import entropy_bits, occupancy_values, trinary_values
-from ogm_mcmc.io.map_files import save_map, writable_folder
-from ogm_mcmc.pipeline import mounted
-from ogm_mcmc.recording import Recording
-from ogm_mcmc.refinement import hide_uncertain, warm_up
-from ogm_mcmc.ros.diagnostics import DIAGNOSTICS_S, Diagnostics
-from ogm_mcmc.ros.latched_grid import LatchedGrid, grid_message
-from ogm_mcmc.ros.parameters import ParameterSet
-from ogm_mcmc.ros.refine_worker import RefinedMap, RefineWorker
-from ogm_mcmc.ros.running import run_node
-from ogm_mcmc.ros.scan_intake import ScanIntake
-from ogm_mcmc.ros.settings import (
+from ogm_mcmc.config.nodes import (
     REFINE_CONFIGS,
     REFINE_LIVE_PARAMETERS,
     IntakeConfig,
@@ -43,6 +30,18 @@ from ogm_mcmc.ros.settings import (
     RefineServerConfig,
     refine_settings_agree,
 )
+from ogm_mcmc.engine.map_view import rendered
+from ogm_mcmc.engine.recording import Recording
+from ogm_mcmc.engine.refinement import hide_uncertain, warm_up
+from ogm_mcmc.engine.worker import RefinedMap, RefineWorker
+from ogm_mcmc.errors import OgmError
+from ogm_mcmc.geometry import GridMap, GridSpec
+from ogm_mcmc.io.map_files import save_map, writable_folder
+from ogm_mcmc.ros.diagnostics import DIAGNOSTICS_S, Diagnostics
+from ogm_mcmc.ros.latched_grid import LatchedGrid, grid_message
+from ogm_mcmc.ros.parameters import ParameterSet
+from ogm_mcmc.ros.running import run_node
+from ogm_mcmc.ros.scan_intake import ScanIntake
 
 __all__ = ['RefineServer', 'main']
 
@@ -65,7 +64,7 @@ class RefineServer(Node):
             self,
             self.parameters.read(IntakeConfig),
             self.parameters.read(PlacingConfig),
-            self.record,
+            self.recording.add,
         )
         state_file = self._state_file()
         started = time.monotonic()
@@ -110,12 +109,6 @@ class RefineServer(Node):
         writable_folder(path.parent)  # better said now than when the work is done
         return path
 
-    # -- scans in ---------------------------------------------------------------------------
-
-    def record(self, scan: Scan, belief: PoseBelief, mount: SensorMount) -> None:
-        """Keep a placed scan; raises GridError when it fits into no window."""
-        self.recording.add(mounted(scan, belief, mount))
-
     # -- maps out ---------------------------------------------------------------------------
 
     def on_housekeeping(self) -> None:
@@ -141,8 +134,8 @@ class RefineServer(Node):
             self.map_grid.publish(self.map_message(result), result.number)
             self._renewed_at = now
         if result.number != self.entropy_grid.shown and self.entropy_grid.listeners > 0:
-            entropy = entropy_bits(result.grid_map.probability).astype(np.float32)
-            message = self._message(occupancy_values(entropy), result)
+            entropy = rendered(result.grid_map.probability, 'entropy', self.output)
+            message = self._message(entropy, result)
             self.entropy_grid.publish(message, result.number)
 
     def shown(self, result: RefinedMap) -> GridMap:
@@ -158,11 +151,7 @@ class RefineServer(Node):
 
     def _new_map_message(self, result: RefinedMap) -> OccupancyGrid:
         probability, output = self.shown(result).probability, self.output
-        if output.output == 'trinary':
-            values = trinary_values(probability, output.occupied_thresh, output.free_thresh)
-        else:
-            values = occupancy_values(probability)
-        return self._message(values, result)
+        return self._message(rendered(probability, output.output, output), result)
 
     def _message(self, values: Int8Array, result: RefinedMap) -> OccupancyGrid:
         frame = self.intake.settings.map_frame

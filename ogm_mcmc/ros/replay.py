@@ -25,13 +25,13 @@ from std_srvs.srv import SetBool
 from tqdm import tqdm
 
 from ogm_mcmc.config import add_arguments, given
+from ogm_mcmc.config.nodes import ReplayConfig
 from ogm_mcmc.errors import BagError, ConfigError
 from ogm_mcmc.io.bags import BagReader, BagRecord, BagTopic
 from ogm_mcmc.io.messages import time_parts
 from ogm_mcmc.ros.pacing import Pacer
 from ogm_mcmc.ros.parameters import ParameterSet
 from ogm_mcmc.ros.running import StopSignal, ros_args_explained, run_node
-from ogm_mcmc.ros.settings import ReplayConfig
 
 __all__ = ['Replay', 'main', 'replay']
 

@@ -12,13 +12,12 @@ from rclpy.node import Node
 from sensor_msgs.msg import LaserScan, Range
 
 from ogm_mcmc.config import PlacingConfig
+from ogm_mcmc.config.nodes import IntakeConfig
+from ogm_mcmc.engine.placing import DROP_REASONS, PoseHistory, ScanPlacer, sensor_mount
 from ogm_mcmc.errors import ConfigError, GridError, PoseError, ScanError
-from ogm_mcmc.geometry import PoseBelief, Scan, SensorMount
+from ogm_mcmc.geometry import PlacedScan, Scan, SensorMount
 from ogm_mcmc.io import messages
-from ogm_mcmc.pipeline import sensor_mount
-from ogm_mcmc.placement import DROP_REASONS, PoseHistory, ScanPlacer
 from ogm_mcmc.ros import qos
-from ogm_mcmc.ros.settings import IntakeConfig
 from ogm_mcmc.ros.tf_poses import TfTree
 
 __all__ = ['ScanIntake']
@@ -28,11 +27,11 @@ WARN_EVERY_S = 5.0
 # Counted beside the problems, but none themselves.
 NO_PROBLEMS = ('scans_received', 'poses_received', 'scans_while_paused')
 
-UseScan = Callable[[Scan, PoseBelief, SensorMount], None]
+UseScan = Callable[[PlacedScan], None]
 
 
 class ScanIntake:
-    """Subscribes, places, and hands every placed scan to `use(scan, belief, mount)`.
+    """Subscribes, places, and hands every placed scan to `use`: the one door for live data.
 
     What cannot be used is counted under a reason and warned about, at most every five seconds
     for each; a GridError of `use` counts as well. Call `subscribe` when the node is ready, and
@@ -158,13 +157,13 @@ class ScanIntake:
         """Use every waiting scan whose pose is known; drop those that waited too long."""
         if self.paused:
             return
-        for scan, belief in self.placer.placed(time.monotonic()):
+        for scan, robot in self.placer.placed(time.monotonic()):
             mount = self.mount_of(scan)
             if mount is None:
                 self.warn('scan_no_mount', f'tf does not know {scan.frame_id!r} on the base yet')
                 continue
             try:
-                self.use(scan, belief, mount)
+                self.use(PlacedScan.on_robot(scan, robot, mount))
             except GridError as error:
                 self.warn('scan_off_map', f'scan dropped: {error}')
 

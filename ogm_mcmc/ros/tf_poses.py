@@ -7,9 +7,9 @@ from typing import Any
 from rclpy.node import Node
 from rclpy.time import Time
 
+from ogm_mcmc.engine.placing import Unplaceable, Waiting
 from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.geometry import Pose2D, PoseBelief, SensorMount, pose_from_quaternion
-from ogm_mcmc.placement import Unplaceable, Waiting
 
 __all__ = ['TfTree']
 

@@ -10,7 +10,7 @@ import numpy as np
 from ogm_mcmc.arrays import AnyArray, Float64Array
 from ogm_mcmc.config import WindowConfig
 from ogm_mcmc.errors import GridError
-from ogm_mcmc.geometry import CellBox, GridSpec, Pose2D, Scan, cast_rays
+from ogm_mcmc.geometry import CellBox, GridSpec, PlacedScan, cast_rays
 
 __all__ = ['BeamRays', 'limited', 'most_cells', 'rays_of_scan']
 
@@ -37,11 +37,12 @@ class BeamRays(NamedTuple):
     reach: Float64Array
 
 
-def rays_of_scan(scan: Scan, sensor: Pose2D, config: WindowConfig, sigma_m: float) -> BeamRays:
+def rays_of_scan(placed: PlacedScan, config: WindowConfig, sigma_m: float) -> BeamRays:
     """Return the rays of a scan, followed as far as the configuration says.
 
     Raises GridError for a ray that is too long.
     """
+    scan, sensor = placed.scan, placed.pose
     if config.beam_stride > 1:
         scan = replace(
             scan,

@@ -10,7 +10,7 @@ import numpy as np
 from ogm_mcmc.arrays import AnyArray
 from ogm_mcmc.config import ForwardModelConfig, WindowConfig
 from ogm_mcmc.errors import WindowError
-from ogm_mcmc.geometry import CellBox, GridSpec, Pose2D, Scan
+from ogm_mcmc.geometry import CellBox, GridSpec, PlacedScan
 from ogm_mcmc.sampling.beam_rays import BeamRays, limited, most_cells, rays_of_scan
 from ogm_mcmc.sampling.ray_index_kernels import file_rays, spread_pairs, trace_rays
 from ogm_mcmc.sensors.forward_model import ForwardModel
@@ -115,13 +115,13 @@ class RayWindow:
         self.spec = GridSpec(config.resolution, 1, 1)
         self.index = _empty_index()
 
-    def add(self, placements: Iterable[tuple[Scan, Pose2D]]) -> int:
-        """Add scans, each with the pose of its sensor; return the number of new rays.
+    def add(self, placed: Iterable[PlacedScan]) -> int:
+        """Add scans, each at the mean of its belief; return the number of new rays.
 
         Raises GridError for a ray that is too long, WindowError when the memory limit would be
         passed; nothing has changed then.
         """
-        rays, box = self._cast(placements)
+        rays, box = self._cast(placed)
         if rays is None:
             return 0
         first_ray = self.index.n_rays
@@ -134,9 +134,9 @@ class RayWindow:
         self.spec = spec
         return int(rays.length.size)
 
-    def size_of(self, scan: Scan, sensor: Pose2D) -> WindowSize:
+    def size_of(self, placed: PlacedScan) -> WindowSize:
         """Return what a scan adds to a window; raises GridError for a ray that is too long."""
-        rays = rays_of_scan(scan, sensor, self.config, self.model.sigma_m)
+        rays = rays_of_scan(placed, self.config, self.model.sigma_m)
         if rays.length.size == 0:
             return WindowSize(0, 0, CellBox(0, 0, 0, 0))
         return WindowSize(rays.length.size, int(most_cells(rays).sum()), self._box_around(rays))
@@ -146,11 +146,11 @@ class RayWindow:
         """The memory that the index may take."""
         return self.config.max_memory_mb * 1e6
 
-    def _cast(self, placements: Iterable[tuple[Scan, Pose2D]]) -> tuple[BeamRays | None, CellBox]:
+    def _cast(self, placed: Iterable[PlacedScan]) -> tuple[BeamRays | None, CellBox]:
         """Return the rays in lattice cells, and a box around all of them and the margin."""
         parts, box = [], CellBox(0, 0, 0, 0)
-        for scan, sensor in placements:
-            rays = rays_of_scan(scan, sensor, self.config, self.model.sigma_m)
+        for one in placed:
+            rays = rays_of_scan(one, self.config, self.model.sigma_m)
             if self.limits is not None:
                 rays = limited(rays, self.limits, self.config.resolution)
             if rays.length.size:

@@ -22,13 +22,12 @@ from ogm_mcmc.simulation.localization import (
 )
 from ogm_mcmc.simulation.odometry import Motion, OdometryNoise, motion_between
 from ogm_mcmc.simulation.recording import (
-    SimulatedScan,
     record,
     record_exploration,
     record_exploration_with_sonars,
     record_with_sonars,
 )
-from ogm_mcmc.simulation.sonar import SonarReading, SonarRing
+from ogm_mcmc.simulation.sonar import SonarRing
 from ogm_mcmc.simulation.trajectories import walk
 from ogm_mcmc.simulation.worlds import WORLDS, Building, rasterised
 
@@ -44,8 +43,6 @@ __all__ = [
     'OdometryNoise',
     'ParticleFilter',
     'ParticleFilterSettings',
-    'SimulatedScan',
-    'SonarReading',
     'SonarRing',
     'Stop',
     'explore',

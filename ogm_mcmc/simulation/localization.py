@@ -22,7 +22,7 @@ import numpy as np
 
 from ogm_mcmc.arrays import Float64Array
 from ogm_mcmc.errors import require
-from ogm_mcmc.geometry import Pose2D, PoseBelief, PoseSamples, Scan
+from ogm_mcmc.geometry import PlacedScan, Pose2D, PoseBelief, PoseSamples, Scan
 from ogm_mcmc.simulation.exploration import Exploration, Stop, explore
 from ogm_mcmc.simulation.grid_world import GridWorld
 from ogm_mcmc.simulation.lidar import Lidar
@@ -149,11 +149,10 @@ class ParticleFilter:
 
 
 class LocalizedScan(NamedTuple):
-    """A scan, the true pose, what the filter believes, and the pose odometry alone leads to."""
+    """A scan placed by what the filter believes, its true pose, and where odometry alone leads."""
 
-    scan: Scan
-    pose: Pose2D
-    belief: PoseBelief
+    placed: PlacedScan
+    truth: Pose2D
     odometry: Pose2D
 
 
@@ -201,7 +200,7 @@ def record_localized(
         stamp_ns = START_NS + round(time_s * 1e9)
         scan = lidar.scan(lidar.observe(exact, scan_noise), stamp_ns, frame_id)
         particle_filter.weigh(scan, depth)
-        yield LocalizedScan(scan, stop.pose, particle_filter.belief(), odometry)
+        yield LocalizedScan(PlacedScan(scan, particle_filter.belief()), stop.pose, odometry)
         before = stop.pose
 
 

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import NamedTuple
 
 import numpy as np
 
-from ogm_mcmc.geometry import Pose2D, Scan
+from ogm_mcmc.geometry import PlacedScan, Pose2D
 from ogm_mcmc.simulation.exploration import Exploration, explore
 from ogm_mcmc.simulation.grid_world import GridWorld
 from ogm_mcmc.simulation.lidar import Lidar
@@ -16,7 +15,6 @@ from ogm_mcmc.simulation.trajectories import walk
 from ogm_mcmc.simulation.worlds import Building
 
 __all__ = [
-    'SimulatedScan',
     'record',
     'record_exploration',
     'record_exploration_with_sonars',
@@ -30,29 +28,21 @@ START_NS = 1_000_000_000
 STANDING_S = 1.0
 
 
-class SimulatedScan(NamedTuple):
-    """A scan, or the reading of one sonar, and the robot's true pose at its stamp."""
-
-    scan: Scan
-    pose: Pose2D
-
-
 def record(
     building: Building, lidar: Lidar, rng: np.random.Generator, *, frame_id: str = 'laser'
-) -> Iterator[SimulatedScan]:
+) -> Iterator[PlacedScan]:
     """Yield a scan every 0.1 s of a walk along the building's waypoints."""
     for stamp_ns, pose in _walked(building):
         ranges = lidar.measure(building.walls, pose, rng)
-        yield SimulatedScan(lidar.scan(ranges, stamp_ns, frame_id), pose)
+        yield PlacedScan.at(lidar.scan(ranges, stamp_ns, frame_id), pose)
 
 
 def record_with_sonars(
     building: Building, ring: SonarRing, rng: np.random.Generator
-) -> Iterator[SimulatedScan]:
+) -> Iterator[PlacedScan]:
     """Yield a reading of every sonar, all at once, every 0.1 s of the same walk."""
     for stamp_ns, pose in _walked(building):
-        for reading in ring.measure(building, pose, rng, stamp_ns):
-            yield SimulatedScan(reading.scan, pose)
+        yield from ring.measure(building, pose, rng, stamp_ns)
 
 
 def record_exploration(
@@ -63,14 +53,14 @@ def record_exploration(
     *,
     depth: float = 0.5,
     frame_id: str = 'laser',
-) -> Iterator[SimulatedScan]:
+) -> Iterator[PlacedScan]:
     """Yield a scan from every stop of a robot that explores a grid; stamps are when it stands."""
     # The noise has a source of its own: with other noise the robot still goes the same way.
     noise = rng.spawn(1)[0]
     bearings = lidar.bearings()
     for stamp_ns, pose in _explored(world, settings, rng):
         exact = world.ranges(pose, bearings, lidar.range_max_m, depth)
-        yield SimulatedScan(lidar.scan(lidar.observe(exact, noise), stamp_ns, frame_id), pose)
+        yield PlacedScan.at(lidar.scan(lidar.observe(exact, noise), stamp_ns, frame_id), pose)
 
 
 def record_exploration_with_sonars(
@@ -80,12 +70,11 @@ def record_exploration_with_sonars(
     rng: np.random.Generator,
     *,
     depth: float = 0.5,
-) -> Iterator[SimulatedScan]:
+) -> Iterator[PlacedScan]:
     """Yield a reading of every sonar from every stop; with the same reach the lidar's stops."""
     noise = rng.spawn(1)[0]
     for stamp_ns, pose in _explored(world, settings, rng):
-        for reading in ring.measure(world, pose, noise, stamp_ns, depth=depth):
-            yield SimulatedScan(reading.scan, pose)
+        yield from ring.measure(world, pose, noise, stamp_ns, depth=depth)
 
 
 def _walked(building: Building) -> Iterator[tuple[int, Pose2D]]:

@@ -9,26 +9,18 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
 from ogm_mcmc.arrays import Float64Array
 from ogm_mcmc.errors import require
-from ogm_mcmc.geometry import Pose2D, Scan
+from ogm_mcmc.geometry import PlacedScan, Pose2D, Scan
 from ogm_mcmc.simulation.cone_kernels import nearest_cell, nearest_wall
 from ogm_mcmc.simulation.grid_world import GridWorld
 from ogm_mcmc.simulation.lidar import check_errors, observed, true_ranges
 from ogm_mcmc.simulation.worlds import Building
 
-__all__ = ['SonarReading', 'SonarRing']
-
-
-class SonarReading(NamedTuple):
-    """One reading as a scan of one cone, and where its sonar truly was."""
-
-    scan: Scan
-    sonar: Pose2D
+__all__ = ['SonarRing']
 
 
 @dataclass(frozen=True)
@@ -121,8 +113,11 @@ class SonarRing:
         stamp_ns: int = 0,
         *,
         depth: float = 0.5,
-    ) -> Iterator[SonarReading]:
-        """Yield a reading of every sonar, as REP 117 has them: see `lidar.observed`."""
+    ) -> Iterator[PlacedScan]:
+        """Yield a reading of every sonar, a scan of one cone from where the sonar truly was.
+
+        Ranges are as REP 117 has them: see `lidar.observed`.
+        """
         ranges = observed(
             self.exact_ranges(world, robot, depth),
             rng,
@@ -142,4 +137,4 @@ class SonarRing:
                 frame_id=frame,
                 beam_width_rad=self.field_of_view_rad,
             )
-            yield SonarReading(scan, robot.compose(mount))
+            yield PlacedScan.at(scan, robot.compose(mount))

@@ -10,18 +10,18 @@ import numpy as np
 import pytest
 import yaml
 from scipy import stats
+from support.strategies import fan
 
 from ogm_mcmc.cli.main import run
 from ogm_mcmc.config import ForwardModelConfig, OutputConfig
 from ogm_mcmc.evaluation import expected_information_gain
-from ogm_mcmc.geometry import GridMap, GridSpec, Pose2D
+from ogm_mcmc.geometry import GridMap, GridSpec, PlacedScan, Pose2D
 from ogm_mcmc.io import ros_types
 from ogm_mcmc.io.bags import BagWriter
 from ogm_mcmc.io.map_files import load_grid, save_map, save_npz
 from ogm_mcmc.io.recording_bag import write_recording
 from ogm_mcmc.io.sample_files import MapSamples, save_samples
 from ogm_mcmc.sensors.forward_model import ForwardModel
-from ogm_mcmc.testing.strategies import fan
 
 NAN = np.nan
 TRUTH = np.array([[0, 0, 1, 1], [0, 0, 0, 1], [1, 0, 0, NAN]], np.float32)
@@ -41,9 +41,9 @@ def maps(tmp_path):
 def bag(maps):
     """Scans along the lowest row, to the right and to the left, and one that says nothing."""
     scans = [
-        (fan(0.2, np.inf, 0.05, range_max_m=0.3, stamp_ns=1), Pose2D(0.55, -0.15)),
-        (fan(0.2, range_max_m=0.3, stamp_ns=2), Pose2D(0.55, -0.15, np.pi)),
-        (fan(NAN, range_max_m=0.3, stamp_ns=3), Pose2D(0.55, -0.15)),
+        PlacedScan.at(fan(0.2, np.inf, 0.05, range_max_m=0.3, stamp_ns=1), Pose2D(0.55, -0.15)),
+        PlacedScan.at(fan(0.2, range_max_m=0.3, stamp_ns=2), Pose2D(0.55, -0.15, np.pi)),
+        PlacedScan.at(fan(NAN, range_max_m=0.3, stamp_ns=3), Pose2D(0.55, -0.15)),
     ]
     assert write_recording(maps / 'bag', scans) == 3
     return maps / 'bag'

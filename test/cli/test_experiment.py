@@ -6,7 +6,7 @@ import json
 import pytest
 
 from ogm_mcmc.cli.main import run
-from ogm_mcmc.experiments import EXPERIMENTS, SPREAD
+from ogm_mcmc.lab.experiments import EXPERIMENTS, SPREAD
 
 
 def test_files_and_text(tmp_path, monkeypatch, capsys):

@@ -10,14 +10,14 @@ from ogm_mcmc.io.tree_files import load_tree
 def test_adaptive_saves_the_tree_and_says_what_it_takes(run_cli, office_bag, tmp_path):
     done = run_cli(
         *('map', office_bag, '-o', 'out', '--json', '--method', 'adaptive'),
-        *('--resolution', '0.1', '--adaptive.coarsest-level', '3', '--no-adaptive.unknowns'),
+        *('--resolution', '0.1', '--adaptive.coarsest-level', '3', '--adaptive.noise', '0.05'),
     )
     assert done.returncode == 0, done.stderr
     result = json.loads(done.stdout)
     method = load_tree(tmp_path / 'out' / 'map_tree.npz')
     assert result['files']['tree'] == 'out/map_tree.npz'
     assert method.config.adaptive.coarsest_level == 3
-    assert not method.config.adaptive.unknowns
+    assert method.config.adaptive.noise == 0.05
     saved = method.statistics()
     assert result['tree']['leaves'] == saved.leaves
     assert result['tree']['leaves_by_level'] == list(saved.leaves_by_level)

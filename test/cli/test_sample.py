@@ -14,9 +14,9 @@ from ogm_mcmc.cli.main import run
 from ogm_mcmc.cli.sample import SHORT
 from ogm_mcmc.cli.sampling_bar import status
 from ogm_mcmc.config import StopConfig
+from ogm_mcmc.engine.refinement import Progress, Refinement
 from ogm_mcmc.io.map_files import load_map, load_npz
 from ogm_mcmc.io.sample_files import load_samples
-from ogm_mcmc.refinement import Progress, Refinement
 
 COARSE = ('--resolution', '0.2', '--beam-stride', '6', '--json')
 FEW = (*COARSE, '--max-sweeps', '80', '--burn-in', '16', '--r-hat', '0')

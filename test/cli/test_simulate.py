@@ -6,14 +6,14 @@ import json
 import numpy as np
 import pytest
 from PIL import Image
+from support.commands import command
 
 from ogm_mcmc.cli.simulated_world import CELLS, check_cells
+from ogm_mcmc.engine.bag_scans import PlacedScans, StreamChoice, choose_topics
 from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.io.bags import BagReader
 from ogm_mcmc.io.map_files import load_map
-from ogm_mcmc.io.scan_stream import PlacedScans, StreamChoice, choose_topics
 from ogm_mcmc.simulation import Exploration, GridWorld
-from ogm_mcmc.testing.commands import command
 
 
 def placed_scans(path):

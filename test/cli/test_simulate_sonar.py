@@ -7,14 +7,14 @@ import math
 import numpy as np
 import pytest
 from PIL import Image
+from support.commands import command
 
+from ogm_mcmc.engine.bag_scans import PlacedScans, StreamChoice, choose_topics
 from ogm_mcmc.geometry import Pose2D
 from ogm_mcmc.io.bags import BagReader
 from ogm_mcmc.io.map_files import load_grid
-from ogm_mcmc.io.scan_stream import PlacedScans, StreamChoice, choose_topics
 from ogm_mcmc.io.world_files import load_world
 from ogm_mcmc.simulation import SonarRing
-from ogm_mcmc.testing.commands import command
 
 
 def placed_readings(path):

@@ -84,7 +84,9 @@ def test_what_may_be():
 def test_dotted_names_reach_every_part():
     config = build(SamplerConfig, {'model.sigma': 0.1, 'window.resolution': 0.2, 'chain.seed': 4})
     assert (config.model.sigma, config.window.resolution, config.chain.seed) == (0.1, 0.2, 4)
-    assert set(flatten(config)) == {leaf.name for leaf in settings_of(SamplerConfig)}
+    assert set(flatten(config)) == {
+        leaf.name for leaf in settings_of(SamplerConfig, switches=True)
+    }
     with pytest.raises(ConfigError, match=r"unknown setting 'chain.sead': one of .*chain.seed"):
         build(SamplerConfig, {'chain.sead': 4})
     with pytest.raises(ConfigError, match='sigma is 0: expected a number'):

@@ -5,6 +5,7 @@ from dataclasses import FrozenInstanceError, dataclass
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from support.strategies import REPEATABLE
 
 from ogm_mcmc import config as config_module
 from ogm_mcmc.config import (
@@ -21,7 +22,6 @@ from ogm_mcmc.config import (
     settings_of,
 )
 from ogm_mcmc.errors import ConfigError
-from ogm_mcmc.testing.strategies import REPEATABLE
 
 LEAVES = {leaf.name: leaf for leaf in settings_of(MapperConfig)}
 

@@ -8,6 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
+from support.naive import crossed_cells
+from support.strategies import REPEATABLE, fan
 
 from ogm_mcmc.errors import ConfigError, GridError
 from ogm_mcmc.evaluation import (
@@ -18,9 +20,7 @@ from ogm_mcmc.evaluation import (
     log_likelihood_of_samples,
     table_log_density,
 )
-from ogm_mcmc.geometry import GridMap, GridSpec, Pose2D
-from ogm_mcmc.testing.naive import crossed_cells
-from ogm_mcmc.testing.strategies import REPEATABLE, fan
+from ogm_mcmc.geometry import GridMap, GridSpec, PlacedScan, Pose2D
 
 SIGMA, REACH = 0.4, 3.0
 
@@ -89,7 +89,7 @@ def test_likelihood_is_the_sum_over_every_map():
     z = np.array([0.7, 1.6, 2.9, np.inf])
     got = beam_log_likelihood(
         corridor(*probability),
-        [(fan(*z, range_max_m=REACH), Pose2D(0.5, 0.5))],
+        [PlacedScan.at(fan(*z, range_max_m=REACH), Pose2D(0.5, 0.5))],
         gaussian,
         depth=0.0,
     )
@@ -111,7 +111,9 @@ def test_a_far_reading_does_not_underflow():
         return np.where(np.isinf(f), -np.inf, stats.norm.logpdf(z, f, 0.01))
 
     scan = fan(3.0, range_max_m=5.0)
-    got = beam_log_likelihood(corridor(0.0, 1.0), [(scan, Pose2D(0.5, 0.5))], narrow, depth=0.0)
+    got = beam_log_likelihood(
+        corridor(0.0, 1.0), [PlacedScan.at(scan, Pose2D(0.5, 0.5))], narrow, depth=0.0
+    )
     assert got[0] == pytest.approx(stats.norm.logpdf(3.0, 0.5, 0.01))
 
 
@@ -119,7 +121,7 @@ def test_samples_know_what_their_mean_does_not():
     """A wall at 1.5 m or at 2.5 m: the mean of both also allows for none or for two."""
     one, other = corridor(0.0, 0.0, 1.0, 0.0), corridor(0.0, 0.0, 0.0, 1.0)
     mean = corridor(0.0, 0.0, 0.5, 0.5)
-    placed = [(fan(1.6, 2.6, range_max_m=REACH), Pose2D(0.5, 0.5))]
+    placed = [PlacedScan.at(fan(1.6, 2.6, range_max_m=REACH), Pose2D(0.5, 0.5))]
     of_samples = log_likelihood_of_samples([one, other], placed, gaussian, depth=0.0)
     z = np.array([1.6, 2.6])
     expected = np.log(
@@ -135,7 +137,7 @@ def test_only_informative_beams_count():
     scan = fan(1.0, np.inf, np.nan, -np.inf, 0.0, 9.0, range_max_m=5.0)
     assert informative_beams(scan).tolist() == [True, True, False, False, False, False]
     assert informative_beams(scan, no_return='ignore').sum() == 1
-    here = [(scan, Pose2D(0.5, 0.5))]
+    here = [PlacedScan.at(scan, Pose2D(0.5, 0.5))]
     assert beam_log_likelihood(corridor(0.5), here, gaussian).size == 2
     assert beam_log_likelihood(corridor(0.5), [], gaussian).size == 0
 

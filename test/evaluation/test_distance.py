@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy import ndimage
+from support.pictures import read
+from support.strategies import REPEATABLE
 
 from ogm_mcmc.errors import GridError
 from ogm_mcmc.evaluation import distance_to, occupied_distance_error
-from ogm_mcmc.testing.pictures import read
-from ogm_mcmc.testing.strategies import REPEATABLE
 
 
 @REPEATABLE

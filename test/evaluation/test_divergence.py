@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy import special, stats
+from support.strategies import REPEATABLE
 
 from ogm_mcmc.errors import ConfigError, GridError
 from ogm_mcmc.evaluation import divergence, entropy_nats, total_divergence
-from ogm_mcmc.testing.strategies import REPEATABLE
 
 probabilities = st.floats(0.0, 1.0)
 

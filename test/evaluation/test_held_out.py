@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.strategies import REPEATABLE, fan, poses, scans
 
 from ogm_mcmc.config import ForwardModelConfig
 from ogm_mcmc.errors import ConfigError, GridError
@@ -18,9 +19,8 @@ from ogm_mcmc.evaluation import (
     ratio_of_sums,
     without_beams_that_leave,
 )
-from ogm_mcmc.geometry import GridMap, GridSpec, Pose2D
+from ogm_mcmc.geometry import GridMap, GridSpec, PlacedScan, Pose2D
 from ogm_mcmc.sensors.forward_model import ForwardModel
-from ogm_mcmc.testing.strategies import REPEATABLE, fan, poses, scans
 
 HERE = Pose2D(0.5, 0.5)
 SIGMA, CLUTTER, MISSING = 0.2, 0.1, 0.05
@@ -60,7 +60,9 @@ def test_a_line_of_cells_on_paper():
     """Two scans of sensors that see 2.4 m and 2.2 m; the model brings its own depth."""
     grid_map = corridor(0.1, 0.6, math.nan)
     far, near = fan(0.6, 1.4, math.inf, 2.3, range_max_m=2.4), fan(1.0, range_max_m=2.2)
-    got = beam_log_likelihood(grid_map, [(far, HERE), (near, HERE)], MODEL, prior=0.8)
+    got = beam_log_likelihood(
+        grid_map, [PlacedScan.at(far, HERE), PlacedScan.at(near, HERE)], MODEL, prior=0.8
+    )
     expected = [by_hand(z, 2.4) for z in (0.6, 1.4, math.inf, 2.3)] + [by_hand(1.0, 2.2)]
     assert got == pytest.approx(expected, rel=1e-6)
 
@@ -68,7 +70,7 @@ def test_a_line_of_cells_on_paper():
 def test_samples_with_unknown_cells():
     """Where no ray came a sample says nothing; as the mean of one map it says the same."""
     samples = [corridor(0.0, 1.0, math.nan), corridor(0.0, 0.0, math.nan)]
-    placed = [(fan(0.6, 1.4, math.inf, range_max_m=2.4), HERE)]
+    placed = [PlacedScan.at(fan(0.6, 1.4, math.inf, range_max_m=2.4), HERE)]
     got = log_likelihood_of_samples(iter(samples), placed, MODEL, prior=0.8)
     expected = [
         math.log(
@@ -127,7 +129,11 @@ def test_which_beams_count():
     spec = GridSpec(1.0, 3, 1)
     scan = fan(1.0, 2.4, 2.6, math.inf, math.nan, 9.0, range_max_m=5.0)
     short = fan(math.inf, 1.0, range_max_m=2.0)
-    placed = [(scan, HERE), (fan(math.nan), HERE), (short, HERE)]
+    placed = [
+        PlacedScan.at(scan, HERE),
+        PlacedScan.at(fan(math.nan), HERE),
+        PlacedScan.at(short, HERE),
+    ]
     every = held_out_beams(placed, spec)
     assert len(every.placed) == 2  # one scan says nothing
     assert every.scan.tolist() == [0, 0, 0, 0, 1, 1]
@@ -143,7 +149,7 @@ def test_which_beams_count():
     returned = held_out_beams(placed, spec, no_return='ignore')
     assert returned.scan.tolist() == [0, 0, 0, 1]
     assert returned.returned.all()
-    none = held_out_beams([(scan, Pose2D(20.0, 0.5))], spec, leaving='exclude')
+    none = held_out_beams([PlacedScan.at(scan, Pose2D(20.0, 0.5))], spec, leaving='exclude')
     assert (none.placed, none.scan.size, none.left_out) == ([], 0, 4)
     assert math.isnan(none.mean(np.zeros(0)).value)
 
@@ -153,20 +159,23 @@ def test_a_range_to_which_beams_are_used():
     scan = fan(1.0, 2.4, math.inf, math.nan, 9.0, range_max_m=5.0)
     for no_return, expected in (('clear', [1.0, math.inf, math.inf]), ('ignore', [1.0, math.inf])):
         beams = held_out_beams(
-            [(scan, HERE)], GridSpec(1.0, 3, 1), max_range_m=2.0, no_return=no_return
+            [PlacedScan.at(scan, HERE)], GridSpec(1.0, 3, 1), max_range_m=2.0, no_return=no_return
         )
         (used, _) = beams.placed[0]
         assert used.range_max_m == 2.0
         assert used.ranges_m[informative_beams(used)].tolist() == expected
     with pytest.raises(GridError, match='set max_range'):
-        held_out_beams([(fan(1.0, range_max_m=3e5), HERE)], GridSpec(1.0, 3, 1))
+        held_out_beams([PlacedScan.at(fan(1.0, range_max_m=3e5), HERE)], GridSpec(1.0, 3, 1))
     with pytest.raises(ConfigError, match='leaving'):
         held_out_beams([], GridSpec(1.0, 3, 1), leaving='stay')
 
 
 def test_means_of_some_beams():
     spec = GridSpec(1.0, 9, 1)
-    placed = [(fan(1.0, 2.0, math.inf, range_max_m=4.0), HERE), (fan(3.0), HERE)]
+    placed = [
+        PlacedScan.at(fan(1.0, 2.0, math.inf, range_max_m=4.0), HERE),
+        PlacedScan.at(fan(3.0), HERE),
+    ]
     beams = held_out_beams(placed, spec)
     values = np.array([1.0, 2.0, 6.0, 5.0])
     assert beams.per_scan(values).tolist() == [3.0, 5.0]
@@ -185,8 +194,8 @@ def test_means_of_some_beams():
 @given(scan=scans(), sensor=poses(3.0), x=st.floats(-3.0, 1.0), y=st.floats(-3.0, 1.0))
 def test_beams_that_leave_end_in_no_cell(scan, sensor, x, y):
     spec = GridSpec(0.25, 9, 14, column0=2, row0=-3, anchor_x_m=x, anchor_y_m=y)
-    ((kept, pose),) = without_beams_that_leave([(scan, sensor)], spec)
-    assert pose is sensor
+    ((kept, belief),) = without_beams_that_leave([PlacedScan.at(scan, sensor)], spec)
+    assert belief.mean is sensor
     for k, (before, after) in enumerate(
         zip(scan.ranges_m.tolist(), kept.ranges_m.tolist(), strict=True)
     ):

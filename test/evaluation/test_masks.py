@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 from scipy import ndimage
+from support.pictures import read
 
 from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.evaluation import cells_that_count, near
-from ogm_mcmc.testing.pictures import read
 
 
 def test_near_on_paper():

@@ -5,15 +5,15 @@ import time
 import numpy as np
 import pytest
 from hypothesis import given, settings
+from support.naive_posterior import NaivePosterior
+from support.strategies import REPEATABLE, fan
+from support.tiny_problems import cell_numbers, tiny_problems
 
 from ogm_mcmc.config import ForwardModelConfig, WindowConfig
 from ogm_mcmc.errors import WindowError
 from ogm_mcmc.exact import enumerate_maps, line_posterior
-from ogm_mcmc.geometry import Pose2D
+from ogm_mcmc.geometry import PlacedScan, Pose2D
 from ogm_mcmc.sampling import RayWindow
-from ogm_mcmc.testing.naive_posterior import NaivePosterior
-from ogm_mcmc.testing.strategies import REPEATABLE, fan
-from ogm_mcmc.testing.tiny_problems import cell_numbers, tiny_problems
 
 approx = pytest.approx
 
@@ -22,7 +22,7 @@ def corridor(n_cells, readings, **settings):
     """A window of one row of 1 m cells, looked along from the first of them."""
     model = ForwardModelConfig(**{'sigma': 2.0, 'clutter': 0.1, **settings})
     window = RayWindow(WindowConfig(resolution=1.0, cut_sigma=0.0), model)
-    window.add([(fan(*readings, range_max_m=n_cells - 0.75), Pose2D(0.25, 0.5))])
+    window.add([PlacedScan.at(fan(*readings, range_max_m=n_cells - 0.75), Pose2D(0.25, 0.5))])
     assert window.index.touched().size == n_cells
     return window.index
 
@@ -69,8 +69,8 @@ def test_cutting_rays_changes_the_posterior_by_less_than_its_bound(reading, shor
     """By enumeration: with and without cut, for all maps of the cells of the whole ray."""
     model = ForwardModelConfig(sigma=0.12, clutter=0.02, short=short)
     placed = [
-        (fan(reading, 2.0, increment=0.3, range_max_m=4.5), Pose2D(0.25, 0.5)),
-        (fan(1.4, range_max_m=4.5), Pose2D(0.75, 1.25, 0.4)),
+        PlacedScan.at(fan(reading, 2.0, increment=0.3, range_max_m=4.5), Pose2D(0.25, 0.5)),
+        PlacedScan.at(fan(1.4, range_max_m=4.5), Pose2D(0.75, 1.25, 0.4)),
     ]
     whole = NaivePosterior(model, WindowConfig(resolution=1.0, cut_sigma=0.0), 0.2, placed)
     exact = dict(zip(whole.touched, whole.marginals(), strict=True))
@@ -95,7 +95,7 @@ def test_cutting_rays_changes_the_posterior_by_less_than_its_bound(reading, shor
 def test_cutting_rays_of_the_gaussian_changes_little_where_readings_agree(reading):
     """There it is another model, but only of maps that none of the readings come from."""
     model = ForwardModelConfig(kind='gaussian', sigma=0.25)
-    placed = [(fan(reading, reading + 0.1, range_max_m=6.5), Pose2D(0.25, 0.5))]
+    placed = [PlacedScan.at(fan(reading, reading + 0.1, range_max_m=6.5), Pose2D(0.25, 0.5))]
     whole = NaivePosterior(model, WindowConfig(resolution=1.0, cut_sigma=0.0), 0.2, placed)
     assert len(whole.touched) == 7
     window = RayWindow(WindowConfig(resolution=1.0, cut_sigma=6.0), model)

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.strategies import REPEATABLE
 
 from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.exact import line_posterior
-from ogm_mcmc.testing.strategies import REPEATABLE
 
 approx = pytest.approx
 

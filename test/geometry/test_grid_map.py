@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.strategies import REPEATABLE
 
-from ogm_mcmc.geometry import GridMap, GridSpec
+from ogm_mcmc.geometry import CellBox, GridMap, GridSpec
 from ogm_mcmc.geometry.grid_map import entropy_bits, occupancy_values, trinary_values
-from ogm_mcmc.testing.strategies import REPEATABLE
 
 approx = pytest.approx
 
@@ -59,3 +59,20 @@ def test_cropping_an_unknown_map_leaves_one_cell():
     unknown = GridMap(GridSpec(0.5, 4, 4, 7, 8), np.full((4, 4), math.nan, np.float32))
     assert unknown.cropped().spec == GridSpec(0.5, 1, 1, 7, 8)
     assert np.isnan(unknown.cropped().probability).all()
+
+
+def test_another_window_of_the_same_lattice():
+    held = GridMap(GridSpec(1.0, 2, 2, 5, 7), np.array([[1, 2], [3, 4]], np.float32))
+    window = held.windowed(CellBox(4, 8, 7, 10))
+    assert window.spec == GridSpec(1.0, 3, 2, 4, 8)
+    expected = [[math.nan, 3, 4], [math.nan, math.nan, math.nan]]
+    assert np.array_equal(window.probability, expected, equal_nan=True)
+    assert np.isnan(held.windowed(CellBox(0, 0, 3, 2)).probability).all()
+
+
+def test_values_of_some_cells():
+    found = GridMap.of_cells(GridSpec(1.0, 3, 2), np.array([0, 4]), np.array([0.25, 0.75]))
+    nan = math.nan
+    assert np.array_equal(found.probability, [[0.25, nan, nan], [nan, 0.75, nan]], equal_nan=True)
+    (row,) = GridMap.of_cells(GridSpec(1.0, 2, 1), np.array([1]), np.array([1.0]), 0.5).probability
+    assert row.tolist() == [0.5, 1.0]

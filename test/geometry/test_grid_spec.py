@@ -3,10 +3,10 @@ import math
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.strategies import REPEATABLE, dyadics
 
 from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.geometry import CellBox, GridSpec
-from ogm_mcmc.testing.strategies import REPEATABLE, dyadics
 
 NOTHING = CellBox(0, 0, 0, 0)
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.strategies import REPEATABLE, poses
 
 from ogm_mcmc.errors import PoseError
 from ogm_mcmc.geometry import (
@@ -15,7 +16,6 @@ from ogm_mcmc.geometry import (
     pose_from_quaternion,
     wrap_angle,
 )
-from ogm_mcmc.testing.strategies import REPEATABLE, poses
 
 approx = pytest.approx
 

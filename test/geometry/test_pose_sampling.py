@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.strategies import REPEATABLE
 
 from ogm_mcmc.geometry import Pose2D, PoseBelief, PoseSamples
 from ogm_mcmc.geometry.pose_sampling import (
@@ -17,7 +18,6 @@ from ogm_mcmc.geometry.pose_sampling import (
     samples_of,
     spread_of,
 )
-from ogm_mcmc.testing.strategies import REPEATABLE
 
 approx = pytest.approx
 

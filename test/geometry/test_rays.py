@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.naive import beams_of, usable_length
+from support.strategies import REPEATABLE, poses, scans
 
 from ogm_mcmc.config import MapperConfig
 from ogm_mcmc.errors import GridError
 from ogm_mcmc.geometry import CellBox, GridSpec, Pose2D, Scan, cast_rays
-from ogm_mcmc.testing.naive import beams_of, usable_length
-from ogm_mcmc.testing.strategies import REPEATABLE, poses, scans
 
 approx = pytest.approx
 

@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
-
-from ogm_mcmc.geometry.traversal_kernels import mark_ray, trace_ray
-from ogm_mcmc.testing import pictures
-from ogm_mcmc.testing.naive import corner_margin, crossed_cells, crosses
-from ogm_mcmc.testing.strategies import (
+from support import pictures
+from support.naive import corner_margin, crossed_cells, crosses
+from support.strategies import (
     REPEATABLE,
     exact_slope_segments,
     float_segments,
     segments,
     touchy_segments,
 )
+
+from ogm_mcmc.geometry.traversal_kernels import mark_ray, trace_ray
 
 # Nearer to a corner than this, the fixed-point walk may round to either side (design note).
 ROUNDING = 1e-9

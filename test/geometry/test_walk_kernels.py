@@ -4,10 +4,10 @@ import math
 
 from hypothesis import given
 from hypothesis import strategies as st
+from support.naive import corner_margin, crossed_cells
+from support.strategies import REPEATABLE, dyadics
 
 from ogm_mcmc.geometry.walk_kernels import begin_walk, next_cell
-from ogm_mcmc.testing.naive import corner_margin, crossed_cells
-from ogm_mcmc.testing.strategies import REPEATABLE, dyadics
 
 # With steps of powers of two the kernels' arithmetic is exact: corners are met exactly.
 exact_steps = st.one_of(

@@ -8,24 +8,24 @@ import math
 
 import numpy as np
 import pytest
-
-from ogm_mcmc.cli.main import run
-from ogm_mcmc.config import MapperConfig
-from ogm_mcmc.errors import BagError, ConfigError, LogError, OutputError
-from ogm_mcmc.evaluation import aligned, distance_to
-from ogm_mcmc.geometry import Pose2D
-from ogm_mcmc.io.bags import BagReader
-from ogm_mcmc.io.scan_stream import PlacedScans, StreamChoice, choose_topics
-from ogm_mcmc.io.stata_import import StataOptions, TimedPose, import_stata, read_pose_file
-from ogm_mcmc.pipeline import MappingPipeline
-from ogm_mcmc.simulation import WORLDS, rasterised, walk
-from ogm_mcmc.testing.stata_files import (
+from support.stata_files import (
     SCAN_US,
     START_US,
     laser_poses,
     write_poses,
     write_pr2,
 )
+
+from ogm_mcmc.cli.main import run
+from ogm_mcmc.config import MapperConfig
+from ogm_mcmc.engine.bag_scans import PlacedScans, StreamChoice, choose_topics
+from ogm_mcmc.errors import BagError, ConfigError, LogError, OutputError
+from ogm_mcmc.evaluation import aligned, distance_to
+from ogm_mcmc.geometry import PlacedScan, Pose2D
+from ogm_mcmc.io.bags import BagReader
+from ogm_mcmc.io.stata_import import StataOptions, TimedPose, import_stata, read_pose_file
+from ogm_mcmc.pipeline import MappingPipeline
+from ogm_mcmc.simulation import WORLDS, rasterised, walk
 
 EXCERPT = """\
 1327678621454971,29.3921,130.493,0.538698
@@ -67,7 +67,7 @@ def mapped(bag_path):
     with BagReader(bag_path) as bag:
         choice = StreamChoice()
         for scan, belief in PlacedScans(bag, choose_topics(bag, choice), choice):
-            pipeline.update(scan, belief)
+            pipeline.update(PlacedScan(scan, belief))
     return pipeline.map()
 
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 from PIL import Image
+from support.pictures import draw, read
 
 from ogm_mcmc.errors import PriorError
 from ogm_mcmc.io.training_maps import MapSource, read_sources, read_training_map
-from ogm_mcmc.testing.pictures import draw, read
 
 PICTURE = '#####\n#...#\n#..??\n#...#\n##.##'
 YAML = 'image: {}\nresolution: 0.1\norigin: [0, 0, 0]\nnegate: {}\n' + (

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 from hypothesis import given, settings
+from support.strategies import REPEATABLE, fan, poses, scans
 
 from ogm_mcmc.config import AdaptiveConfig, MapperConfig
 from ogm_mcmc.errors import MapFileError
-from ogm_mcmc.geometry import Pose2D, PoseBelief
+from ogm_mcmc.geometry import PlacedScan, Pose2D
 from ogm_mcmc.io.tree_files import load_tree, save_tree
 from ogm_mcmc.mapping import AdaptiveMapper
-from ogm_mcmc.testing.strategies import REPEATABLE, fan, poses, scans
 
 
 def mapper(**tree):
@@ -32,20 +32,20 @@ def alike(one, other):
 @settings(REPEATABLE, max_examples=25)
 def test_round_trip_and_on(tmp_path_factory, scan, sensor, more):
     method = mapper()
-    method.update(scan, PoseBelief(sensor))
+    method.update(PlacedScan.at(scan, sensor))
     path = save_tree(method, tmp_path_factory.mktemp('tree') / 'tree.npz')
     loaded = load_tree(path)
     assert loaded.config == method.config
     assert alike(loaded, method)
     for one in (method, loaded):
-        one.update(more, PoseBelief(Pose2D(sensor.x_m + 1.0, sensor.y_m, sensor.yaw_rad)))
+        one.update(PlacedScan.at(more, Pose2D(sensor.x_m + 1.0, sensor.y_m, sensor.yaw_rad)))
     assert alike(loaded, method)
 
 
 def test_levels_of_all_kinds_come_back(tmp_path):
     method = mapper(coarsest_level=6)
     for _ in range(5):
-        method.update(fan(7.0, 3.0, 5.0, increment=0.4), PoseBelief(Pose2D(0.31, 0.27)))
+        method.update(PlacedScan.at(fan(7.0, 3.0, 5.0, increment=0.4), Pose2D(0.31, 0.27)))
     assert np.count_nonzero(method.statistics().leaves_by_level) >= 5
     assert alike(load_tree(save_tree(method, tmp_path / 'a.npz')), method)
 
@@ -57,7 +57,7 @@ def test_an_empty_map_comes_back(tmp_path):
 @pytest.fixture
 def saved(tmp_path):
     method = mapper(coarsest_level=2)
-    method.update(fan(1.0), PoseBelief(Pose2D(0.05, 0.05)))
+    method.update(PlacedScan.at(fan(1.0), Pose2D(0.05, 0.05)))
     path = save_tree(method, tmp_path / 'tree.npz')
     with np.load(path) as data:
         return path, dict(data)

@@ -7,10 +7,13 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from support.naive import measured_cells
+from support.naive_adaptive import NaiveAdaptive
+from support.strategies import REPEATABLE, fan, poses, scans
 
 from ogm_mcmc.config import AdaptiveConfig, MapperConfig, PoseUncertainConfig, StepModelConfig
 from ogm_mcmc.errors import ConfigError, GridError
-from ogm_mcmc.geometry import CellBox, Pose2D, PoseBelief, PoseSamples
+from ogm_mcmc.geometry import CellBox, PlacedScan, Pose2D, PoseBelief, PoseSamples
 from ogm_mcmc.mapping import AdaptiveMapper, TwoAssumptionMapper
 from ogm_mcmc.mapping.adaptive import chi_square_limit
 from ogm_mcmc.mapping.quadtree_counting_kernels import count_seen, count_unknowns, mark_again
@@ -23,9 +26,6 @@ from ogm_mcmc.mapping.quadtree_kernels import (
     split_leaves,
 )
 from ogm_mcmc.mapping.quadtree_view_kernels import fill_log_odds
-from ogm_mcmc.testing.naive import measured_cells
-from ogm_mcmc.testing.naive_adaptive import NaiveAdaptive
-from ogm_mcmc.testing.strategies import REPEATABLE, fan, poses, scans
 
 approx = pytest.approx
 
@@ -115,7 +115,7 @@ def test_critical_values_are_those_of_the_tables():
 def test_an_open_area_stays_one_leaf():
     """Four beams cross the tile (0..7) x (0..7) and end far behind it."""
     method = mapper()
-    changed = method.update(fan(12.0, 12.0, bearing=0.1, increment=0.1), at())
+    changed = method.update(PlacedScan(fan(12.0, 12.0, bearing=0.1, increment=0.1), at()))
     assert log_odds_of(method)[3, 0, 0] == L_FREE
     assert changed == CellBox(0, 0, 16, 8)
     assert (
@@ -128,7 +128,7 @@ def test_perfect_agreement_is_no_contradiction():
     """A plain chi-square test refuses 0 hits of 1000 beams where 2 % are expected."""
     method = mapper(merge_free=0.05)
     for _ in range(100):
-        method.update(fan(*[12.0] * 10), at())
+        method.update(PlacedScan(fan(*[12.0] * 10), at()))
     assert leaves_of(method)[3, 0, 0] == (-75.0, 0.0, 1000.0)
 
 
@@ -139,7 +139,7 @@ def test_a_wall_is_found_level_by_level():
     one of two cells has 10 * 1/2, and its own children agree with themselves.
     """
     method = mapper()
-    method.update(fan(*[5.0] * 10), at())
+    method.update(PlacedScan(fan(*[5.0] * 10), at()))
     assert log_odds_of(method) == approx(
         {
             (2, 0, 0): L_FREE,
@@ -160,7 +160,7 @@ def test_a_wall_is_found_level_by_level():
 def test_as_printed_a_wall_at_the_far_side_fills_the_leaf():
     """[pose] VI-A counts such beams as hits and nothing else: no contradiction."""
     method = mapper(way_to_hit=False)
-    method.update(fan(*[5.0] * 10), at())
+    method.update(PlacedScan(fan(*[5.0] * 10), at()))
     assert leaves_of(method) == {(3, 0, 0): (L_OCC, 10.0, 0.0)}
 
 
@@ -176,7 +176,7 @@ def test_unknowns_split_what_is_seen_in_part(unknowns):
     # Beams 0 to 4 look along the axis, 5 to 9 a quarter radian up.
     scan = replace(scan, angle_min_rad=0.0, angle_increment_rad=0.25 / 5)
     scan.ranges_m[:5] = 4.0
-    method.update(scan, at())
+    method.update(PlacedScan(scan, at()))
     right = {leaf: value for leaf, value in log_odds_of(method).items() if leaf[1] << leaf[0] >= 8}
     assert ((3, 1, 0) in right) is not unknowns
 
@@ -184,9 +184,9 @@ def test_unknowns_split_what_is_seen_in_part(unknowns):
 def test_children_inherit_and_start_to_count_anew():
     method = mapper()
     for _ in range(3):
-        method.update(fan(12.0), at())
+        method.update(PlacedScan(fan(12.0), at()))
     assert leaves_of(method)[3, 0, 0] == (3 * L_FREE, 0.0, 3.0)
-    method.update(fan(6.0), at())
+    method.update(PlacedScan(fan(6.0), at()))
     found = leaves_of(method)
     assert found[2, 0, 1] == (3 * L_FREE, 0.0, 0.0)  # not seen this time
     assert found[2, 0, 0] == (4 * L_FREE, 0.0, 1.0)
@@ -196,7 +196,7 @@ def test_children_inherit_and_start_to_count_anew():
 def test_unknowns_are_forgotten_and_hits_and_misses_kept():
     method = mapper(significance=0.0)
     for count in (1, 2, 3):
-        method.update(fan(4.0, 12.0), at())
+        method.update(PlacedScan(fan(4.0, 12.0), at()))
         assert leaves_of(method)[3, 0, 0][1:] == (count, count * 1.5)
     assert not any(method.tree.tree.slot >= 0)
 
@@ -206,15 +206,15 @@ def test_what_is_new_in_a_leaf_is_noticed_after_any_time():
     for limit, kept in ((100.0, False), (1e6, True)):
         method = mapper(count_limit=limit)
         for _ in range(500):
-            method.update(fan(*[12.0] * 10), at())
+            method.update(PlacedScan(fan(*[12.0] * 10), at()))
         assert leaves_of(method)[3, 0, 0][1:] == (0.0, approx(min(limit, 5000.0)))
-        method.update(fan(*[6.0] * 9), at())
+        method.update(PlacedScan(fan(*[6.0] * 9), at()))
         assert ((3, 0, 0) in leaves_of(method)) is kept
 
 
 def test_finest_level_is_kept():
     method = mapper(finest_level=2, significance=1.0)
-    method.update(fan(5.0), at())
+    method.update(PlacedScan(fan(5.0), at()))
     assert {leaf[0] for leaf in leaves_of(method)} == {2}
     assert method.log_odds(CellBox(0, 0, 8, 1))[0].tolist() == [L_FREE] * 4 + [L_OCC] * 4
 
@@ -225,7 +225,7 @@ def test_finest_level_is_kept():
 def four_leaves(values, hits=(1.0, 2.0, 3.0, 4.0), misses=(0.0, 0.0, 0.0, 0.0), **tree):
     """One tile of 2 x 2 cells, split, with given log-odds, then touched by one tiny beam."""
     method = mapper(coarsest_level=1, **tree)
-    method.update(fan(*[1.0] * 5), at())
+    method.update(PlacedScan(fan(*[1.0] * 5), at()))
     arrays = method.tree.tree
     first = int(arrays.first_child[method.tree.table[0, 0]])
     arrays.log_odds[first : first + 4] = values
@@ -255,7 +255,7 @@ def four_leaves(values, hits=(1.0, 2.0, 3.0, 4.0), misses=(0.0, 0.0, 0.0, 0.0), 
 )
 def test_merge_rules(values, rules, merged):
     method = four_leaves(values, **rules)
-    changed = method.update(fan(0.1), at())
+    changed = method.update(PlacedScan(fan(0.1), at()))
     found = leaves_of(method)
     if merged:
         assert found == {(1, 0, 0): (approx(sum(values) / 4, rel=1e-6), 11.0, 0.0)}
@@ -275,7 +275,7 @@ def test_merge_rules(values, rules, merged):
 )
 def test_siblings_that_the_next_scan_would_split_do_not_merge(hits, misses, merged):
     method = four_leaves([-4.0] * 4, (hits[0] - 1.0, *hits[1:]), misses, merge_free=0.05)
-    method.update(fan(0.1), at())
+    method.update(PlacedScan(fan(0.1), at()))
     assert ({leaf[0] for leaf in leaves_of(method)} == {1}) is merged
 
 
@@ -285,11 +285,11 @@ def test_merging_undoes_splitting():
     rows = []
     for _ in range(9):
         for _ in range(400):
-            method.update(fan(12.0, 12.0, increment=0.15), at())
+            method.update(PlacedScan(fan(12.0, 12.0, increment=0.15), at()))
         assert leaves_of(method)[3, 0, 0][0] == approx(-6.0)
         rows.append(int(method.tree.counters[ROWS]))
         for _ in range(3):
-            method.update(fan(*[6.0] * 5), at())
+            method.update(PlacedScan(fan(*[6.0] * 5), at()))
         assert (1, 3, 0) in leaves_of(method)
     assert rows[4:] == rows[4:5] * 5, 'rows of merged leaves are not used again'
 
@@ -314,8 +314,8 @@ def test_forced_full_depth_is_the_regular_grid(tree, fusion, placed, prior):
     )
     adaptive, regular = AdaptiveMapper(config), TwoAssumptionMapper(config)
     for scan, sensor in placed:
-        adaptive.update(scan, PoseBelief(sensor))
-        regular.update(scan, PoseBelief(sensor))
+        adaptive.update(PlacedScan.at(scan, sensor))
+        regular.update(PlacedScan.at(scan, sensor))
     found = measured_cells(adaptive.log_odds(adaptive.spec.box), adaptive.spec.box)
     expected = measured_cells(regular.log_odds(regular.spec.box), regular.spec.box)
     if fusion == 'per_scan':
@@ -344,7 +344,7 @@ def test_forced_full_depth_where_rounding_decides(sensor, tree, fusion):
     # Without the compiler numpy says aloud that a slope is infinite, as is meant.
     with np.errstate(over='ignore'):
         for method in (adaptive, regular):
-            method.update(scan, PoseBelief(sensor))
+            method.update(PlacedScan.at(scan, sensor))
     found = measured_cells(adaptive.log_odds(adaptive.spec.box), adaptive.spec.box)
     expected = measured_cells(regular.log_odds(regular.spec.box), regular.spec.box)
     assert found == approx(expected, abs=1e-4)
@@ -375,7 +375,7 @@ def test_equals_the_naive_twin(placed, fusion, unknowns, way_to_hit, merging, co
         cloud = PoseSamples(
             np.array([[p.x_m, p.y_m, p.yaw_rad] for p in (sensor, other)]), np.array([0.75, 0.25])
         )
-        method.update(scan, PoseBelief(sensor, particles=cloud))
+        method.update(PlacedScan(scan, PoseBelief(sensor, particles=cloud)))
         naive.update(scan, [(sensor, 0.75), (other, 0.25)])
     assume(naive.margin > 1e-6)
     expected = {
@@ -398,7 +398,7 @@ def test_leaves_tile_the_area_once(placed):
     """Every cell of a tile with a root lies in exactly one leaf, and reads as that leaf."""
     method = AdaptiveMapper(MapperConfig(resolution=0.1))
     for scan, sensor in placed:
-        method.update(scan, PoseBelief(sensor))
+        method.update(PlacedScan.at(scan, sensor))
     box = method.tree.box
     count = np.zeros((box.row1 - box.row0, box.column1 - box.column0), int)
     value = np.full(count.shape, np.nan, np.float32)
@@ -426,8 +426,8 @@ def test_a_coarser_output_is_the_mean_of_the_measured_cells(placed, level):
     fine = AdaptiveMapper(config)
     coarse = AdaptiveMapper(replace(config, adaptive=AdaptiveConfig(output_level=level)))
     for scan, sensor in placed:
-        fine.update(scan, PoseBelief(sensor))
-        box = coarse.update(scan, PoseBelief(sensor))
+        fine.update(PlacedScan.at(scan, sensor))
+        box = coarse.update(PlacedScan.at(scan, sensor))
         assert coarse.spec.box.covers(box)
     assert coarse.spec.resolution_m == approx(0.1 * 2**level)
     values = fine.log_odds(fine.spec.box).astype(float)
@@ -446,7 +446,7 @@ def test_counts_and_log_odds_are_weighted_by_the_samples():
     """Three quarters say that the wall is in cell 5, one quarter in cell 6."""
     method = mapper(coarsest_level=0)
     cloud = PoseSamples(np.array([[0.5, 0.5, 0.0], [1.5, 0.5, 0.0]]), np.array([0.75, 0.25]))
-    method.update(fan(5.0), PoseBelief(Pose2D(0.75, 0.5), particles=cloud))
+    method.update(PlacedScan(fan(5.0), PoseBelief(Pose2D(0.75, 0.5), particles=cloud)))
     assert method.log_odds(CellBox(0, 0, 8, 1))[0].tolist() == approx(
         [0.75 * L_FREE] + [L_FREE] * 4 + [0.75 * L_OCC + 0.25 * L_FREE, 0.25 * L_OCC, UNKNOWN],
         nan_ok=True,
@@ -461,11 +461,11 @@ def test_draws_from_a_covariance_are_repeatable_and_spread():
         for seed in (1, 1, 2)
     )
     for method in (first, second, other):
-        method.update(fan(3.0), belief)
+        method.update(PlacedScan(fan(3.0), belief))
     assert same(leaves_of(first), leaves_of(second))
     assert leaves_of(first).keys() != leaves_of(other).keys()
     first.reset()
-    first.update(fan(3.0), belief)
+    first.update(PlacedScan(fan(3.0), belief))
     assert same(leaves_of(first), leaves_of(second))
     measured = measured_cells(first.log_odds(first.spec.box), first.spec.box)
     assert len({row for _, row in measured}) > 10
@@ -473,8 +473,10 @@ def test_draws_from_a_covariance_are_repeatable_and_spread():
 
 def test_no_covariance_to_speak_of_is_the_mean():
     method, known = mapper(), mapper()
-    method.update(fan(5.0, 6.0, increment=0.2), PoseBelief(Pose2D(0.5, 0.5), np.zeros((3, 3))))
-    known.update(fan(5.0, 6.0, increment=0.2), at())
+    method.update(
+        PlacedScan(fan(5.0, 6.0, increment=0.2), PoseBelief(Pose2D(0.5, 0.5), np.zeros((3, 3))))
+    )
+    known.update(PlacedScan(fan(5.0, 6.0, increment=0.2), at()))
     assert same(leaves_of(method), leaves_of(known))
 
 
@@ -483,10 +485,10 @@ def test_no_covariance_to_speak_of_is_the_mean():
 
 def test_a_map_that_would_be_too_large_is_refused_and_unchanged():
     method = mapper(max_cells=4096)
-    method.update(fan(5.0), at())
+    method.update(PlacedScan(fan(5.0), at()))
     spec, before = method.spec, leaves_of(method)
     with pytest.raises(GridError, match=r'would grow to 112 x 104 cells: .* max_cells = 4096'):
-        method.update(fan(5.0), at(100.5, 100.5))
+        method.update(PlacedScan(fan(5.0), at(100.5, 100.5)))
     assert method.spec == spec
     assert same(leaves_of(method), before)
 
@@ -494,7 +496,7 @@ def test_a_map_that_would_be_too_large_is_refused_and_unchanged():
 def test_a_scan_that_says_nothing_changes_nothing():
     method = mapper()
     spec = method.spec
-    assert method.update(fan(math.nan, -1.0), at(1000.0, 1000.0)).empty
+    assert method.update(PlacedScan(fan(math.nan, -1.0), at(1000.0, 1000.0))).empty
     assert method.spec == spec
     assert leaves_of(method) == {}
 
@@ -512,7 +514,7 @@ def test_one_specialization_of_each_kernel():
         for change in ({}, {'prior': 0.2, 'limit': 50}, {'unknowns': False, 'count_limit': 5}):
             method = mapper(**{'fusion': fusion, 'merge_free': 0.05, **change})
             for one in (at(), belief, at(-70, 9, 2)):
-                method.update(fan(5.0, 3.0, math.inf, increment=0.3), one)
+                method.update(PlacedScan(fan(5.0, 3.0, math.inf, increment=0.3), one))
             method.log_odds(method.spec.box)
             method.tree.plant(method.tree.leaves())
     kernels = (apply_evidence, count_seen, count_unknowns, fill_log_odds, mark_again)

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from support.naive import beams_of, corner_margin, crossed_cells
+from support.strategies import REPEATABLE, fan, poses, scans
 
 from ogm_mcmc.config import CountingConfig, MapperConfig, StepModelConfig
-from ogm_mcmc.geometry import CellBox, Pose2D, PoseBelief
+from ogm_mcmc.geometry import CellBox, PlacedScan, Pose2D, PoseBelief
 from ogm_mcmc.mapping import CountingMapper, TwoAssumptionMapper
 from ogm_mcmc.mapping.counting_kernels import count_per_beam, count_per_scan
-from ogm_mcmc.testing.naive import beams_of, corner_margin, crossed_cells
-from ogm_mcmc.testing.strategies import REPEATABLE, fan, poses, scans
 
 approx = pytest.approx
 
@@ -48,8 +48,8 @@ def test_sixty_of_a_hundred_beams(fusion):
     shown = []
     for n in range(1, 1001):
         scan = fan(3.0) if n % 5 < 3 else fan(5.0)
-        counting.update(scan, at())
-        occupancy.update(scan, at())
+        counting.update(PlacedScan(scan, at()))
+        occupancy.update(PlacedScan(scan, at()))
         if n in (10, 100, 1000):
             cell = CellBox(3, 0, 4, 1)
             shown.append(float(occupancy.probabilities(cell)[0, 0]))
@@ -65,8 +65,8 @@ def test_a_pane_of_glass_keeps_its_probability():
     glass, grid = mapper(), TwoAssumptionMapper(MapperConfig(resolution=1.0))
     for n in range(50):
         scan = fan(2.0) if n % 10 == 0 else fan(5.0)
-        glass.update(scan, at())
-        grid.update(scan, at())
+        glass.update(PlacedScan(scan, at()))
+        grid.update(PlacedScan(scan, at()))
     pane = CellBox(2, 0, 3, 1)
     assert glass.probabilities(pane)[0, 0] == approx(0.1)
     assert grid.probabilities(pane)[0, 0] < 1e-6
@@ -79,16 +79,16 @@ def test_a_pane_of_glass_keeps_its_probability():
 def test_per_scan_on_paper():
     """A hit beats a miss, and nothing counts twice."""
     method = mapper(fusion='per_scan')
-    method.update(fan(5.0, 3.0, 3.25, 4.0), at())
+    method.update(PlacedScan(fan(5.0, 3.0, 3.25, 4.0), at()))
     assert counts(method) == ([0, 0, 0, 1, 1, 1], [1, 1, 1, 0, 0, 0])
-    method.update(fan(4.0), at())
+    method.update(PlacedScan(fan(4.0), at()))
     assert counts(method) == ([0, 0, 0, 1, 2, 1], [2, 2, 2, 1, 0, 0])
 
 
 def test_per_beam_on_paper():
     """Hits and misses of a cell are the beams that reached it."""
     method = mapper(fusion='per_beam', max_range=5.0)
-    method.update(fan(5.0, 3.0, 3.25, 4.0, math.inf), at())
+    method.update(PlacedScan(fan(5.0, 3.0, 3.25, 4.0, math.inf), at()))
     assert counts(method) == ([0, 0, 0, 2, 1, 1], [5, 5, 5, 3, 2, 1])
     expected = [0.0, 0.0, 0.0, 0.4, 1 / 3, 0.5]
     assert method.probabilities(CORRIDOR)[0].tolist() == approx(expected)
@@ -96,11 +96,11 @@ def test_per_beam_on_paper():
 
 def test_maximum_likelihood_map_and_unknown_cells():
     method = mapper(fusion='per_beam', counting=CountingConfig(show='ml'))
-    method.update(fan(4.0, 3.0, 3.0), at())
+    method.update(PlacedScan(fan(4.0, 3.0, 3.0), at()))
     expected = [0.0, 0.0, 0.0, 1.0, 1.0, UNKNOWN]
     method.grid.cover(CORRIDOR)
     assert method.probabilities(CORRIDOR)[0].tolist() == approx(expected, nan_ok=True)
-    method.update(fan(4.0, 4.0, 4.0), at())
+    method.update(PlacedScan(fan(4.0, 4.0, 4.0), at()))
     assert method.probabilities(CORRIDOR)[0, 3] == 0.0
     assert method.reflection(CORRIDOR)[0, 3] == approx(1 / 3)
 
@@ -108,7 +108,7 @@ def test_maximum_likelihood_map_and_unknown_cells():
 def test_the_ratio_maximises_the_likelihood():
     """Of all m in a fine grid, hits / (hits + misses) makes the readings likeliest."""
     method = mapper(fusion='per_beam')
-    method.update(fan(*[3.0] * 7, *[5.0] * 13), at())
+    method.update(PlacedScan(fan(*[3.0] * 7, *[5.0] * 13), at()))
     (hits, misses), m = (c[0, 3] for c in method.counts(CORRIDOR)), np.linspace(0.001, 0.999, 999)
     best = m[np.argmax(hits * np.log(m) + misses * np.log(1.0 - m))]
     assert method.probabilities(CORRIDOR)[0, 3] == approx(best, abs=1e-3)
@@ -116,9 +116,9 @@ def test_the_ratio_maximises_the_likelihood():
 
 def test_counts_do_not_overflow():
     method = mapper(fusion='per_beam')
-    method.update(fan(3.0), at())
+    method.update(PlacedScan(fan(3.0), at()))
     method.grid.hits[0, 3], method.grid.misses[0, 3] = 2**30, 2**31 - 1
-    method.update(fan(5.0), at())
+    method.update(PlacedScan(fan(5.0), at()))
     assert method.probabilities(CORRIDOR)[0, 3] == approx(1 / 3)
     hits, misses = method.counts(CORRIDOR)
     assert (hits[0, 3], misses[0, 3]) == (2**29, 2**30)
@@ -146,7 +146,7 @@ def test_equals_counting_by_hand(fusion, placed):
             met = Counter(set(met))
         hits.update(met)
         misses.update(crossed)
-        method.update(scan, PoseBelief(sensor))
+        method.update(PlacedScan.at(scan, sensor))
     box = method.spec.box
     for counted, found in zip((hits, misses), method.counts(box), strict=True):
         cells = {
@@ -166,7 +166,7 @@ def test_a_map_that_grew_equals_one_that_was_large_from_the_start(fusion):
     for _ in range(10):
         scan = fan(*rng.uniform(1.0, 15.0, 40), bearing=-3.0, increment=0.15)
         belief = at(*rng.uniform(-300.0, 300.0, 2))
-        assert grown.update(scan, belief) == large.update(scan, belief)
+        assert grown.update(PlacedScan(scan, belief)) == large.update(PlacedScan(scan, belief))
     box = grown.spec.box
     for one, other in zip(grown.counts(box), large.counts(box), strict=True):
         assert np.array_equal(one, other)
@@ -176,7 +176,9 @@ def test_a_map_that_grew_equals_one_that_was_large_from_the_start(fusion):
 @pytest.mark.jit
 def test_one_specialization_of_each_kernel():
     for fusion in FUSIONS:
-        mapper(fusion=fusion).update(fan(1.0, math.inf, increment=0.3), at())
-        mapper(fusion=fusion, resolution=0.5, max_range=5).update(fan(2.0).flipped(), at())
+        mapper(fusion=fusion).update(PlacedScan(fan(1.0, math.inf, increment=0.3), at()))
+        mapper(fusion=fusion, resolution=0.5, max_range=5).update(
+            PlacedScan(fan(2.0).flipped(), at())
+        )
     for kernel in (count_per_scan, count_per_beam):
         assert len(kernel.signatures) == 1, (kernel.__name__, kernel.signatures)

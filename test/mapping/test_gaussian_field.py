@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from support.strategies import REPEATABLE
 
 from ogm_mcmc.config import RandomFieldConfig
 from ogm_mcmc.errors import ConfigError, GridError
@@ -18,7 +19,6 @@ from ogm_mcmc.mapping.gaussian_field import (
     stencil_radius,
 )
 from ogm_mcmc.mapping.gaussian_field_kernels import take_in
-from ogm_mcmc.testing.strategies import REPEATABLE
 
 approx = pytest.approx
 NAN = math.nan

@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.strategies import REPEATABLE
 
 from ogm_mcmc.errors import GridError
 from ogm_mcmc.geometry import CellBox, GridSpec
 from ogm_mcmc.mapping import LogOddsGrid
-from ogm_mcmc.testing.strategies import REPEATABLE
 
 
 def grid(max_cells=10_000_000):

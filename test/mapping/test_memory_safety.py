@@ -18,7 +18,7 @@ COMMON = """
     from ogm_mcmc.errors import GridError
     from ogm_mcmc.geometry import CellBox, Pose2D, PoseBelief
     from ogm_mcmc.mapping import make_method
-    from ogm_mcmc.testing.strategies import fan
+    from support.strategies import fan
 
     def belief(pose):
         # A pose known, or to within less than any rounding.

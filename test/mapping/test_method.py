@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.naive import measured_cells
+from support.strategies import REPEATABLE, fan, poses, scans
 
 from ogm_mcmc.config import MapperConfig, settings_of
-from ogm_mcmc.geometry import CellBox, Pose2D, PoseBelief, PoseSamples
+from ogm_mcmc.geometry import CellBox, PlacedScan, Pose2D, PoseBelief, PoseSamples
 from ogm_mcmc.mapping import METHODS, make_method
-from ogm_mcmc.testing.naive import measured_cells
-from ogm_mcmc.testing.strategies import REPEATABLE, fan, poses, scans
 
 # Methods that take either inverse model.
 BEAM_MODELS = ('two_assumption', 'pose_uncertain', 'random_field')
@@ -47,7 +47,7 @@ def test_update_returns_a_box_with_every_changed_cell(config, placed):
     method = make_method(config)
     before = {}
     for scan, sensor in placed:
-        box = method.update(scan, PoseBelief(sensor))
+        box = method.update(PlacedScan.at(scan, sensor))
         assert method.spec.box.covers(box)
         after = shown(method)
         for cell in set(before) | set(after):
@@ -70,7 +70,7 @@ def test_starts_unknown_and_probabilities_are_float32(config):
 def test_walls_become_likely_and_the_way_there_unlikely(config):
     method = make_method(config)
     for _ in range(20):
-        method.update(fan(2.0), PoseBelief(Pose2D(0.05, 0.05)))
+        method.update(PlacedScan.at(fan(2.0), Pose2D(0.05, 0.05)))
     values = method.probabilities(CellBox(0, 0, 21, 1))[0]
     assert values[20] > 0.9
     assert (values[:18] < 0.1).all()
@@ -79,7 +79,7 @@ def test_walls_become_likely_and_the_way_there_unlikely(config):
 @every_method
 def test_probabilities_of_a_part_are_that_part(config):
     method = make_method(config)
-    method.update(fan(2.0, 2.5, math.inf, increment=0.8), PoseBelief(Pose2D(0.31, 0.27)))
+    method.update(PlacedScan.at(fan(2.0, 2.5, math.inf, increment=0.8), Pose2D(0.31, 0.27)))
     box = CellBox(3, 2, 20, 9)
     whole = method.probabilities(method.spec.box)[method.spec.slices(box)]
     assert np.array_equal(method.probabilities(box), whole, equal_nan=True)
@@ -88,7 +88,7 @@ def test_probabilities_of_a_part_are_that_part(config):
 @every_method
 def test_reading_the_map_does_not_change_it(config):
     method = make_method(config)
-    method.update(fan(2.0), PoseBelief(Pose2D(0.05, 0.05)))
+    method.update(PlacedScan.at(fan(2.0), Pose2D(0.05, 0.05)))
     before = shown(method)
     method.probabilities(method.spec.box)[:] = 0.5
     assert shown(method) == before
@@ -97,11 +97,11 @@ def test_reading_the_map_does_not_change_it(config):
 @every_method
 def test_reset_gives_an_unknown_map_that_starts_like_a_new_one(config):
     method, fresh = make_method(config), make_method(config)
-    method.update(fan(2.0), PoseBelief(Pose2D(40.05, -30.05)))
+    method.update(PlacedScan.at(fan(2.0), Pose2D(40.05, -30.05)))
     method.reset()
     assert shown(method) == {}
     for one in (method, fresh):
-        one.update(fan(3.0, 4.0, increment=0.5), PoseBelief(Pose2D(1.23, 4.56, 0.7)))
+        one.update(PlacedScan.at(fan(3.0, 4.0, increment=0.5), Pose2D(1.23, 4.56, 0.7)))
     assert method.spec == fresh.spec
     assert shown(method) == shown(fresh)
 
@@ -109,13 +109,13 @@ def test_reset_gives_an_unknown_map_that_starts_like_a_new_one(config):
 @every_method
 def test_forgotten_cells_leave_the_extent(config):
     method, fresh = make_method(config), make_method(config)
-    method.update(fan(2.0), PoseBelief(Pose2D(40.05, -30.05)))
+    method.update(PlacedScan.at(fan(2.0), Pose2D(40.05, -30.05)))
     spec = method.spec
     method.forget_cells()
     assert method.spec == spec
     assert shown(method) == {}
     for one in (method, fresh):
-        one.update(fan(3.0, 4.0, increment=0.5), PoseBelief(Pose2D(39.23, -29.56, 0.7)))
+        one.update(PlacedScan.at(fan(3.0, 4.0, increment=0.5), Pose2D(39.23, -29.56, 0.7)))
     assert shown(method) == shown(fresh)
 
 
@@ -128,4 +128,4 @@ def test_every_kind_of_belief_is_accepted(config):
         PoseBelief(cloud.mean(), cloud.covariance(), cloud),
     ):
         method = make_method(config)
-        assert not method.update(fan(2.0), belief).empty
+        assert not method.update(PlacedScan(fan(2.0), belief)).empty

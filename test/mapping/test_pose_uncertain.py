@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from support.naive import beams_of, corner_margin, mean_evidence, measured_cells
+from support.strategies import REPEATABLE, fan, poses, scans
 
 from ogm_mcmc.config import (
     GaussianModelConfig,
@@ -14,15 +16,13 @@ from ogm_mcmc.config import (
     StepModelConfig,
 )
 from ogm_mcmc.errors import GridError
-from ogm_mcmc.geometry import CellBox, Pose2D, PoseBelief, PoseSamples, cast_rays
+from ogm_mcmc.geometry import CellBox, PlacedScan, Pose2D, PoseBelief, PoseSamples, cast_rays
 from ogm_mcmc.geometry.pose_sampling import draw_gaussian, quasi_normals, random_normals
 from ogm_mcmc.geometry.rays import cast_sampled_rays
 from ogm_mcmc.geometry.traversal_kernels import sampled_beam_ends
 from ogm_mcmc.mapping import PoseUncertainMapper, TwoAssumptionMapper
 from ogm_mcmc.mapping.beam_evidence_kernels import sum_gaussians_per_beam, sum_steps_per_beam
 from ogm_mcmc.mapping.evidence_kernels import add_evidence, sum_per_scan
-from ogm_mcmc.testing.naive import beams_of, corner_margin, mean_evidence, measured_cells
-from ogm_mcmc.testing.strategies import REPEATABLE, fan, poses, scans
 
 approx = pytest.approx
 
@@ -83,7 +83,9 @@ def placed_scans(count=6):
 def test_two_places_in_a_corridor_on_paper(fusion):
     """The wall is in cell 4 (weight 3/4) or, if the robot is 2 m further, in cell 6 (1/4)."""
     method = mapper(fusion=fusion)
-    changed = method.update(fan(4.0), cloud((0.5, 0.5, 0.0, 0.75), (2.5, 0.5, 0.0, 0.25)))
+    changed = method.update(
+        PlacedScan(fan(4.0), cloud((0.5, 0.5, 0.0, 0.75), (2.5, 0.5, 0.0, 0.25)))
+    )
     assert changed == CellBox(0, 0, 7, 1)
     expected = [
         *([0.75 * L_FREE] * 2 + [L_FREE] * 2),
@@ -95,23 +97,23 @@ def test_two_places_in_a_corridor_on_paper(fusion):
 def test_a_hit_beats_a_miss_within_a_sample_not_across_samples():
     """In one place both beams end in cell 3, or pass it: 1/2 hit and 1/2 miss."""
     method = mapper()
-    method.update(fan(3.0, 5.0), cloud((0.5, 0.5, 0.0, 0.5), (1.5, 0.5, 0.0, 0.5)))
+    method.update(PlacedScan(fan(3.0, 5.0), cloud((0.5, 0.5, 0.0, 0.5), (1.5, 0.5, 0.0, 0.5))))
     assert row_of(method)[3] == 0.5 * L_OCC + 0.5 * L_FREE
 
 
 def test_a_cell_whose_evidence_cancels_is_measured():
     method = mapper(step=StepModelConfig(l_free=-1.0, l_occ=1.0))
-    method.update(fan(3.0), cloud((0.5, 0.5, 0.0, 0.5), (1.5, 0.5, 0.0, 0.5)))
+    method.update(PlacedScan(fan(3.0), cloud((0.5, 0.5, 0.0, 0.5), (1.5, 0.5, 0.0, 0.5))))
     assert row_of(method) == approx([-0.5, -1, -1, 0.0, 0.5, *[UNKNOWN] * 3], nan_ok=True)
 
 
 def test_prior_counts_once_and_limits_hold():
     method = mapper(prior=0.2, log_odds_limit=3.0)
     belief = cloud((0.5, 0.5, 0.0, 0.5), (1.5, 0.5, 0.0, 0.5))
-    method.update(fan(3.0), belief)
+    method.update(PlacedScan(fan(3.0), belief))
     assert row_of(method)[2] == approx(math.log(0.25) + L_FREE)
     for _ in range(9):
-        method.update(fan(3.0), belief)
+        method.update(PlacedScan(fan(3.0), belief))
     assert row_of(method)[:5] == approx([-3.0, -3.0, -3.0, 3.0, 3.0])
 
 
@@ -120,7 +122,7 @@ def test_gaussian_corridor_against_the_formula():
     method = TwoAssumptionMapper(
         MapperConfig(resolution=1.0, inverse_model='gaussian', gaussian=gaussian)
     )
-    method.update(fan(4.0), PoseBelief(Pose2D(0.5, 0.5)))
+    method.update(PlacedScan.at(fan(4.0), Pose2D(0.5, 0.5)))
 
     def phi(x):
         return 0.5 * math.erfc(-x / math.sqrt(2.0))
@@ -150,7 +152,9 @@ def test_one_pose_is_the_known_pose_bit_for_bit(model, fusion, kind):
             'one particle': PoseBelief(pose, None, PoseSamples.checked(row)),
             'copies': PoseBelief(pose, None, PoseSamples.checked(np.repeat(row, 30, axis=0))),
         }[kind]
-        assert known.update(scan, PoseBelief(pose)) == uncertain.update(scan, belief)
+        assert known.update(PlacedScan.at(scan, pose)) == uncertain.update(
+            PlacedScan(scan, belief)
+        )
     box = known.spec.box
     assert uncertain.spec.box == box
     assert np.array_equal(known.log_odds(box), uncertain.log_odds(box), equal_nan=True)
@@ -160,7 +164,7 @@ def test_the_averaging_kernel_itself_gives_the_same_bits():
     """Not only because one sample takes the way of the known pose."""
     known, uncertain = TwoAssumptionMapper(config(resolution=0.1)), mapper(resolution=0.1)
     for scan, pose in placed_scans():
-        known.update(scan, PoseBelief(pose))
+        known.update(PlacedScan.at(scan, pose))
         row = np.array([[pose.x_m, pose.y_m, pose.yaw_rad]])
         uncertain.update_over(scan, PoseSamples(row, np.ones(1)))
     box = known.spec.box
@@ -191,13 +195,13 @@ def test_sampled_rays_are_the_rays_of_each_sample():
 def test_converges_to_the_known_pose_as_the_covariance_vanishes():
     scan, pose = office_scan(), Pose2D(0.513, 0.217, 0.3)
     known = TwoAssumptionMapper(config(resolution=0.1))
-    known.update(scan, PoseBelief(pose))
+    known.update(PlacedScan.at(scan, pose))
     box, errors = CellBox(-64, -64, 128, 128), []
     known.grid.cover(box)
     for scale in (1e-1, 1e-2, 1e-3, 1e-5):
         method = mapper(resolution=0.1)
         method.grid.cover(box)
-        method.update(scan, PoseBelief(pose, np.eye(3) * scale**2))
+        method.update(PlacedScan(scan, PoseBelief(pose, np.eye(3) * scale**2)))
         difference = np.nan_to_num(method.log_odds(box)) - np.nan_to_num(known.log_odds(box))
         errors.append(float(np.abs(difference).mean()))
     assert errors == sorted(errors, reverse=True)
@@ -293,7 +297,7 @@ def test_a_map_that_grew_equals_one_that_was_large_from_the_start(fusion, model)
     for scan, _ in placed_scans(8):
         pose = Pose2D(*rng.uniform(-40.0, 40.0, 2), 0.3)
         belief = PoseBelief(pose, np.diag([0.01, 0.02, 0.001]))
-        assert grown.update(scan, belief) == large.update(scan, belief)
+        assert grown.update(PlacedScan(scan, belief)) == large.update(PlacedScan(scan, belief))
     box = grown.spec.box
     assert np.array_equal(grown.log_odds(box), large.log_odds(box), equal_nan=True)
     assert measured(grown) == measured(large)
@@ -305,7 +309,7 @@ def test_nothing_is_left_in_the_scratch_memory(model):
         inverse_model=model, resolution=0.1, pose_uncertain=PoseUncertainConfig(samples=10)
     )
     for scan, pose in placed_scans():
-        method.update(scan, PoseBelief(pose, np.diag([0.01, 0.02, 0.001])))
+        method.update(PlacedScan(scan, PoseBelief(pose, np.diag([0.01, 0.02, 0.001]))))
         window = method._window
         bits = (window.seen, window.free, window.special, window.misses, window.hits)
         for array in (window.evidence, *bits):
@@ -314,17 +318,17 @@ def test_nothing_is_left_in_the_scratch_memory(model):
 
 def test_a_belief_too_far_away_is_refused_and_changes_nothing():
     method = mapper(max_cells=8192)
-    method.update(fan(4.0), PoseBelief(Pose2D(0.5, 0.5)))
+    method.update(PlacedScan.at(fan(4.0), Pose2D(0.5, 0.5)))
     before, spec = measured(method), method.spec
     with pytest.raises(GridError, match='would grow'):
-        method.update(fan(4.0), cloud((0.5, 0.5, 0.0, 0.5), (900.5, 0.5, 0.0, 0.5)))
+        method.update(PlacedScan(fan(4.0), cloud((0.5, 0.5, 0.0, 0.5), (900.5, 0.5, 0.0, 0.5))))
     assert measured(method) == before
     assert method.spec == spec
 
 
 def test_a_scan_that_says_nothing_changes_nothing():
     method = mapper()
-    assert method.update(fan(math.nan), cloud((1, 2, 3, 0.5), (2, 2, 3, 0.5))).empty
+    assert method.update(PlacedScan(fan(math.nan), cloud((1, 2, 3, 0.5), (2, 2, 3, 0.5)))).empty
     assert measured(method) == {}
 
 
@@ -378,9 +382,9 @@ def test_one_specialization_of_each_kernel():
         for model in MODELS:
             for change in ({}, {'resolution': 1, 'max_range': 5, 'no_return': 'ignore'}):
                 chosen = {'fusion': fusion, 'inverse_model': model, **change}
-                mapper(**chosen).update(office_scan(), belief)
+                mapper(**chosen).update(PlacedScan(office_scan(), belief))
                 mapper(**chosen).update(
-                    office_scan().flipped(), cloud((1, 2, 3, 0.5), (2, 2, 3, 0.5))
+                    PlacedScan(office_scan().flipped(), cloud((1, 2, 3, 0.5), (2, 2, 3, 0.5)))
                 )
     kernels = (sum_per_scan, sum_steps_per_beam, sum_gaussians_per_beam)
     for kernel in (sampled_beam_ends, *kernels, add_evidence):

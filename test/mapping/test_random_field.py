@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.strategies import REPEATABLE, fan, poses, scans
 
-from ogm_mcmc.benchmarks.scene import load_scene
 from ogm_mcmc.config import MapperConfig, RandomFieldConfig, StepModelConfig
 from ogm_mcmc.errors import GridError
-from ogm_mcmc.geometry import CellBox, Pose2D, PoseBelief
+from ogm_mcmc.geometry import CellBox, PlacedScan, Pose2D, PoseBelief
+from ogm_mcmc.lab.benchmarks.scene import load_scene
 from ogm_mcmc.mapping import RandomFieldMapper, TwoAssumptionMapper
 from ogm_mcmc.mapping.gaussian_field import solve_field
-from ogm_mcmc.testing.strategies import REPEATABLE, fan, poses, scans
 
 approx = pytest.approx
 
@@ -46,8 +46,8 @@ def test_it_is_the_field_of_the_two_assumption_map(fusion, placed, often):
     method = mapper(RandomFieldConfig(length_scale=0.5), radius=20, fusion=fusion)
     known = TwoAssumptionMapper(method.config)
     for scan, sensor in placed:
-        method.update(scan, PoseBelief(sensor))
-        known.update(scan, PoseBelief(sensor))
+        method.update(PlacedScan.at(scan, sensor))
+        known.update(PlacedScan.at(scan, sensor))
         if often:
             method.probabilities(method.spec.box)
     box = CellBox(-10, -10, 11, 11)
@@ -63,7 +63,7 @@ def test_it_is_the_field_of_the_two_assumption_map(fusion, placed, often):
 def test_cells_beside_a_beam_are_predicted_and_those_far_off_unknown():
     field = RandomFieldConfig(length_scale=1.0, max_variance=0.8)
     method = mapper(field=field)
-    box = method.update(fan(8.0), at())
+    box = method.update(PlacedScan(fan(8.0), at()))
     assert box == CellBox(-4, -4, 13, 5)
     shown = ~np.isnan(method.probabilities(CellBox(-4, -4, 13, 5)))
     variance = method.variance(CellBox(-4, -4, 13, 5))
@@ -79,7 +79,7 @@ def test_cells_beside_a_beam_are_predicted_and_those_far_off_unknown():
 def test_ends_of_the_variance_scale(limit, rows):
     """0: measured cells alone; 1: every cell that an observation reaches, and no other."""
     method = mapper(field=RandomFieldConfig(length_scale=1.0, max_variance=limit))
-    method.update(fan(8.0), at())
+    method.update(PlacedScan(fan(8.0), at()))
     shown = ~np.isnan(method.probabilities(method.spec.box))
     assert shown.any(axis=1).sum() == rows
 
@@ -90,7 +90,7 @@ def test_a_hole_in_a_wall_is_closed_and_a_door_is_not():
     wall = [(2, 5), (4, 5), (9, 5)]
     for x, y in wall:
         for _ in range(4):
-            method.update(fan(y - 0.5), at(x + 0.5, 1.0, math.pi / 2))
+            method.update(PlacedScan(fan(y - 0.5), at(x + 0.5, 1.0, math.pi / 2)))
     mean = method.log_odds(CellBox(0, 5, 12, 6))[0]
     assert mean[3] > 2.0
     assert mean[6] < 0.5 * mean[3]
@@ -98,17 +98,17 @@ def test_a_hole_in_a_wall_is_closed_and_a_door_is_not():
 
 def test_the_prior_of_the_field_is_a_setting():
     method = mapper(field=RandomFieldConfig(mean=-2.0))
-    method.update(fan(8.0), at())
+    method.update(PlacedScan(fan(8.0), at()))
     spec = method.spec
     assert method.log_odds(CellBox(spec.column0, spec.row0, spec.column0 + 1, spec.row0 + 1)) == -2
 
 
 def test_a_map_that_would_be_too_large_is_refused_and_unchanged():
     method = mapper(max_cells=3 * 4096)
-    method.update(fan(5.0), at(10.5, 10.5))
+    method.update(PlacedScan(fan(5.0), at(10.5, 10.5)))
     spec, before = method.spec, method.probabilities(method.spec.box)
     with pytest.raises(GridError, match='max_cells = 12288'):
-        method.update(fan(5.0), at(500.5, 0.5))
+        method.update(PlacedScan(fan(5.0), at(500.5, 0.5)))
     assert method.spec == spec
     assert np.array_equal(method.probabilities(spec.box), before, equal_nan=True)
 
@@ -116,7 +116,7 @@ def test_a_map_that_would_be_too_large_is_refused_and_unchanged():
 def test_at_the_end_of_its_memory_the_map_shows_what_it_can():
     """One block of 64 x 64 cells: what lies beyond is predicted, and not shown."""
     small, large = mapper(max_cells=4096), mapper()
-    boxes = [one.update(fan(5.0), at(0.5, 0.5)) for one in (small, large)]
+    boxes = [one.update(PlacedScan(fan(5.0), at(0.5, 0.5))) for one in (small, large)]
     assert small.spec.box == CellBox(0, 0, 64, 64)
     assert boxes == [CellBox(0, 0, 10, 5), CellBox(-4, -4, 10, 5)]
     shown = small.probabilities(boxes[0])
@@ -127,7 +127,7 @@ def test_at_the_end_of_its_memory_the_map_shows_what_it_can():
 def test_a_scan_that_says_nothing_changes_nothing():
     method = mapper()
     spec = method.spec
-    assert method.update(fan(math.nan, -1.0), at(1000.0, 1000.0)).empty
+    assert method.update(PlacedScan(fan(math.nan, -1.0), at(1000.0, 1000.0))).empty
     assert method.spec == spec
 
 
@@ -137,8 +137,8 @@ def test_recorded_scene_against_the_linear_system(data_folder):
     """Windows around cells that were predicted, at the default settings."""
     scene = load_scene(data_folder / 'bench' / 'scene.npz')
     method = RandomFieldMapper(MapperConfig(resolution=scene.resolution_m))
-    for scan, belief in scene.placements:
-        method.update(scan, belief)
+    for scan, belief in scene.placed:
+        method.update(PlacedScan(scan, belief))
     box = method.spec.box
     mean, observed = method.log_odds(box), method.observed.log_odds(box).astype(float)
     predicted = np.argwhere(np.isnan(observed) & (method.variance(box) < 0.9))

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.naive import measured_cells
+from support.strategies import REPEATABLE, fan
 
 from ogm_mcmc.config import MapperConfig, SonarModelConfig
 from ogm_mcmc.errors import GridError
-from ogm_mcmc.geometry import CellBox, Pose2D, PoseBelief, Scan
+from ogm_mcmc.geometry import CellBox, PlacedScan, Pose2D, PoseBelief, Scan
 from ogm_mcmc.mapping import SonarMapper
 from ogm_mcmc.mapping.sonar_kernels import add_cone
 from ogm_mcmc.sensors import SonarInverseModel
-from ogm_mcmc.testing.naive import measured_cells
-from ogm_mcmc.testing.strategies import REPEATABLE, fan
 
 approx = pytest.approx
 
@@ -69,7 +69,7 @@ def expected_cells(config, scan, sensor, reading, hit):
 def test_a_cone_is_the_model_cell_by_cell(reading, width, yaw, bearing, x, y):
     method = mapper()
     scan, sensor = cone(reading, width, bearing, range_max_m=3.2), Pose2D(x, y, yaw)
-    box = method.update(scan, PoseBelief(sensor))
+    box = method.update(PlacedScan.at(scan, sensor))
     hit = math.isfinite(reading)
     length = float(np.float32(reading)) if hit else 3.2
     expected = expected_cells(method.config, scan, sensor, length, hit)
@@ -88,7 +88,7 @@ def test_a_cone_is_the_model_cell_by_cell(reading, width, yaw, bearing, x, y):
 def test_a_cone_narrower_than_a_cell_leaves_no_holes():
     """Along a diagonal, cells of the axis are measured from the sensor to the echo."""
     method = mapper()
-    method.update(cone(3.0, width=0.002), PoseBelief(Pose2D(0.013, 0.017, 0.7)))
+    method.update(PlacedScan.at(cone(3.0, width=0.002), Pose2D(0.013, 0.017, 0.7)))
     for step in np.arange(0.05, 3.0, 0.02):
         x, y = 0.013 + step * math.cos(0.7), 0.017 + step * math.sin(0.7)
         column, row = method.spec.cell_of(x, y)
@@ -99,7 +99,7 @@ def test_a_cone_narrower_than_a_cell_leaves_no_holes():
 def test_the_field_of_view_of_the_reading_counts_before_the_parameter():
     def measured(width, **sonar):
         method = mapper(sonar=SonarModelConfig(**sonar))
-        method.update(cone(3.0, width), PoseBelief(Pose2D(0.05, 0.05)))
+        method.update(PlacedScan.at(cone(3.0, width), Pose2D(0.05, 0.05)))
         return int(np.isfinite(method.grid.log_odds).sum())
 
     assert measured(0.4, opening_angle=1.0) == measured(0.4)
@@ -110,21 +110,21 @@ def test_the_field_of_view_of_the_reading_counts_before_the_parameter():
 def test_readings_that_say_nothing_and_those_that_clear():
     belief = PoseBelief(Pose2D(0.05, 0.05))
     for reading in (math.nan, -math.inf, 9.0):
-        assert mapper().update(cone(reading), belief).empty
-    assert mapper(no_return='ignore').update(cone(math.inf), belief).empty
+        assert mapper().update(PlacedScan(cone(reading), belief)).empty
+    assert mapper(no_return='ignore').update(PlacedScan(cone(math.inf), belief)).empty
     method = mapper(max_range=2.0)
-    method.update(cone(3.0), belief)
+    method.update(PlacedScan(cone(3.0), belief))
     probabilities = method.probabilities(method.spec.box)
     assert np.nanmax(probabilities) < 0.5
-    assert not method.update(cone(math.inf), belief).empty
+    assert not method.update(PlacedScan(cone(math.inf), belief)).empty
 
 
 def test_max_cells_is_respected_with_nothing_changed():
     method = mapper(max_cells=4096)
-    method.update(cone(2.0), PoseBelief(Pose2D(2.0, 3.0)))
+    method.update(PlacedScan.at(cone(2.0), Pose2D(2.0, 3.0)))
     before = method.grid.log_odds.copy()
     with pytest.raises(GridError, match='would grow'):
-        method.update(cone(2.0), PoseBelief(Pose2D(500.0, 3.0)))
+        method.update(PlacedScan.at(cone(2.0), Pose2D(500.0, 3.0)))
     assert np.array_equal(method.grid.log_odds, before, equal_nan=True)
 
 
@@ -133,5 +133,5 @@ def test_one_specialization_of_the_kernel():
     for change in ({}, {'resolution': 1, 'max_range': 2, 'prior': 0.25}):
         method = mapper(**change)
         for scan in (cone(1.5), cone(math.inf), fan(2.0, 3.0)):
-            method.update(scan, PoseBelief(Pose2D(1, 2, 3)))
+            method.update(PlacedScan.at(scan, Pose2D(1, 2, 3)))
     assert len(add_cone.signatures) == 1

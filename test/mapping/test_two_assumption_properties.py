@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from support.naive import NaiveMapper, measured_cells
+from support.strategies import REPEATABLE, fan, poses, scans
 
 from ogm_mcmc.config import MapperConfig, StepModelConfig
-from ogm_mcmc.geometry import CellBox, Pose2D, PoseBelief
+from ogm_mcmc.geometry import CellBox, PlacedScan, Pose2D, PoseBelief
 from ogm_mcmc.geometry.traversal_kernels import beam_ends, mark_ray, trace_ray
 from ogm_mcmc.mapping import TwoAssumptionMapper
 from ogm_mcmc.mapping.two_assumption_kernels import add_misses, fuse_per_beam, fuse_per_scan
-from ogm_mcmc.testing.naive import NaiveMapper, measured_cells
-from ogm_mcmc.testing.strategies import REPEATABLE, fan, poses, scans
 
 approx = pytest.approx
 
@@ -44,7 +44,7 @@ def twin_of(config, placed):
 def assert_equals_twin(config, placed, naive):
     method = TwoAssumptionMapper(config)
     for scan, sensor in placed:
-        method.update(scan, PoseBelief(sensor))
+        method.update(PlacedScan.at(scan, sensor))
     expected, found = naive.log_odds(), measured(method)
     assert set(found) == set(expected)
     assert [found[cell] for cell in expected] == approx(list(expected.values()), abs=1e-4)
@@ -82,7 +82,7 @@ def test_whole_scans_equal_twin(fusion):
     placed = []
     for k in range(3):
         scan = fan(*rng.uniform(0.5, 14.0, 90), bearing=-2.0, increment=math.radians(3))
-        placed.append((scan, Pose2D(0.1 + 1.73 * k, -0.3, 0.7 * k)))
+        placed.append(PlacedScan.at(scan, Pose2D(0.1 + 1.73 * k, -0.3, 0.7 * k)))
     config = MapperConfig(fusion=fusion, resolution=0.25, step=STEP)
     naive = twin_of(config, placed)
     assert naive.margin > 1e-9
@@ -108,8 +108,8 @@ def test_the_order_of_scans_does_not_matter(fusion, seed):
     placed = room(seed, 8)
     there, back = mapper(fusion=fusion), mapper(fusion=fusion)
     for one, other in zip(placed, reversed(placed), strict=True):
-        there.update(*one)
-        back.update(*other)
+        there.update(one)
+        back.update(other)
     assert measured(there) == measured(back)
 
 
@@ -118,7 +118,7 @@ def test_cells_outside_the_returned_box_keep_their_values(fusion):
     method = mapper(fusion=fusion)
     for scan, belief in room(3, 10):
         before = measured(method)
-        box = method.update(scan, belief)
+        box = method.update(PlacedScan(scan, belief))
         after = measured(method)
         for cell in set(before) | set(after):
             if before.get(cell) != after.get(cell):
@@ -132,7 +132,7 @@ def test_a_map_that_grew_equals_one_that_was_large_from_the_start(fusion):
     large.grid.cover(CellBox(-1100, -1100, 1300, 1200))
     windows = set()
     for scan, belief in room(4, 12, spread=60.0):
-        assert grown.update(scan, belief) == large.update(scan, belief)
+        assert grown.update(PlacedScan(scan, belief)) == large.update(PlacedScan(scan, belief))
         windows.add(grown.spec)
     assert len(windows) > 3
     box = grown.spec.box
@@ -151,10 +151,10 @@ def test_one_specialization_of_each_kernel():
             {'log_odds_limit': 50, 'step': StepModelConfig(l_free=-1, l_occ=1)},
         ):
             method = mapper(fusion=fusion, **change)
-            method.update(fan(1.0, math.inf, math.nan, increment=0.3).flipped(), at())
-            method.update(fan(2.0), PoseBelief(Pose2D(3, -2, 1)))
+            method.update(PlacedScan(fan(1.0, math.inf, math.nan, increment=0.3).flipped(), at()))
+            method.update(PlacedScan.at(fan(2.0), Pose2D(3, -2, 1)))
             method.reset()
-            method.update(fan(2.0), at(-70.5, 9.25, 2.0))
+            method.update(PlacedScan(fan(2.0), at(-70.5, 9.25, 2.0)))
     for kernel in (beam_ends, fuse_per_scan, fuse_per_beam):
         assert len(kernel.signatures) == 1, (kernel.__name__, kernel.signatures)
     # Called from other kernels: nothing to be compiled where those came from the cache.

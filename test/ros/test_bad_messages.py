@@ -12,9 +12,9 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Pose, PoseArray, PoseWithCovarianceStamped
 from nav_msgs.msg import OccupancyGrid
 from sensor_msgs.msg import LaserScan
+from support.ros import NodeProcess, Observer
 
 from ogm_mcmc.ros.qos import LATCHED
-from ogm_mcmc.testing.ros import NodeProcess, Observer
 
 pytestmark = [pytest.mark.ros]
 

@@ -7,11 +7,12 @@ import pytest
 
 pytest.importorskip('rclpy', reason='rclpy is not installed: no ROS tests')
 
+from support.strategies import fan
+
 from ogm_mcmc.config import MapperConfig, OutputConfig
-from ogm_mcmc.geometry import Pose2D, PoseBelief
+from ogm_mcmc.geometry import PlacedScan, Pose2D
 from ogm_mcmc.pipeline import MappingPipeline
 from ogm_mcmc.ros import grid_publisher
-from ogm_mcmc.testing.strategies import fan
 
 
 class Topic:
@@ -61,7 +62,7 @@ def published(monkeypatch):
 
 
 def drive(pipeline, publisher, x):
-    publisher.mark(pipeline.update(fan(1.0), PoseBelief(Pose2D(x, 0.05))))
+    publisher.mark(pipeline.update(PlacedScan.at(fan(1.0), Pose2D(x, 0.05))))
     publisher.publish('map', 0)
 
 
@@ -125,7 +126,7 @@ def test_followers_end_up_with_the_same_map(published):
     spec = publisher.view.spec
     picture = topics['map'].sent[0].reshape(spec.height, spec.width)
     for x in (0.15, 0.45, 3.0):
-        changed = pipeline.update(fan(1.0), PoseBelief(Pose2D(x, 0.05)))
+        changed = pipeline.update(PlacedScan.at(fan(1.0), Pose2D(x, 0.05)))
         publisher.mark(changed)
         publisher.publish('map', 0)
         rows, columns = spec.slices(changed)

@@ -14,12 +14,12 @@ from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
 from sensor_msgs.msg import LaserScan, Range
 from std_srvs.srv import Trigger
+from support.ros import NodeProcess, Observer
 
 from ogm_mcmc.geometry import CellBox
 from ogm_mcmc.io.tree_files import load_tree
 from ogm_mcmc.ros.qos import LATCHED
 from ogm_mcmc.simulation import SonarRing
-from ogm_mcmc.testing.ros import NodeProcess, Observer
 
 pytestmark = [pytest.mark.ros]
 

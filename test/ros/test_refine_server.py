@@ -19,12 +19,13 @@ from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
 from sensor_msgs.msg import LaserScan
 from std_srvs.srv import Trigger
+from support.ros import NodeProcess, Observer
 
+from ogm_mcmc.geometry import PlacedScan
 from ogm_mcmc.io.map_files import load_map
 from ogm_mcmc.io.recording_bag import write_recording
 from ogm_mcmc.ros.qos import LATCHED
 from ogm_mcmc.simulation import WORLDS, Lidar, record
-from ogm_mcmc.testing.ros import NodeProcess, Observer
 
 pytestmark = [pytest.mark.ros]
 
@@ -49,7 +50,8 @@ def walks(tmp_path_factory):
     later_ns = recording[-1].scan.stamp_ns
     write_recording(folder / 'first', recording[::6])
     second = (
-        (replace(scan, stamp_ns=scan.stamp_ns + later_ns), pose) for scan, pose in recording[3::6]
+        PlacedScan(replace(scan, stamp_ns=scan.stamp_ns + later_ns), belief)
+        for scan, belief in recording[3::6]
     )
     write_recording(folder / 'second', second)
     return folder / 'first', folder / 'second'

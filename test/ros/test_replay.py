@@ -17,10 +17,10 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import LaserScan
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
+from support.ros import NodeProcess, Observer
 
 from ogm_mcmc.io import ros_types
 from ogm_mcmc.io.bags import BagReader, typestore
-from ogm_mcmc.testing.ros import NodeProcess, Observer
 
 pytestmark = [pytest.mark.ros]
 

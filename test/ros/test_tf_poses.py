@@ -8,9 +8,9 @@ import pytest
 
 pytest.importorskip('rclpy', reason='rclpy is not installed: no ROS tests')
 
+from ogm_mcmc.engine.placing import ScanPlacer
 from ogm_mcmc.errors import ConfigError, PoseError
 from ogm_mcmc.geometry import Scan
-from ogm_mcmc.placement import ScanPlacer
 from ogm_mcmc.ros.tf_poses import TfTree
 
 NS = 1_000_000_000

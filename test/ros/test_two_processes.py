@@ -15,18 +15,19 @@ from nav_msgs.msg import OccupancyGrid
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import DescribeParameters, SetParameters
 from std_srvs.srv import SetBool, Trigger
+from support.ros import NodeProcess, Observer
 
 from ogm_mcmc.config import MapperConfig, OutputConfig
-from ogm_mcmc.geometry import Pose2D
+from ogm_mcmc.engine.bag_scans import PlacedScans, StreamChoice, choose_topics
+from ogm_mcmc.engine.map_view import MapView
+from ogm_mcmc.geometry import PlacedScan, Pose2D
 from ogm_mcmc.io.bags import BagReader
 from ogm_mcmc.io.map_files import load_map
 from ogm_mcmc.io.recording_bag import write_recording
-from ogm_mcmc.io.scan_stream import PlacedScans, StreamChoice, choose_topics
-from ogm_mcmc.pipeline import MappingPipeline, MapView
+from ogm_mcmc.pipeline import MappingPipeline
 from ogm_mcmc.ros.qos import LATCHED
 from ogm_mcmc.simulation import Lidar, record
 from ogm_mcmc.simulation.worlds import office
-from ogm_mcmc.testing.ros import NodeProcess, Observer
 
 pytestmark = [pytest.mark.ros]
 
@@ -36,7 +37,7 @@ def offline_pipeline(bag_path):
     with BagReader(bag_path) as bag:
         choice = StreamChoice()
         for scan, belief in PlacedScans(bag, choose_topics(bag, choice), choice):
-            pipeline.update(scan, belief)
+            pipeline.update(PlacedScan(scan, belief))
     return pipeline
 
 
@@ -181,8 +182,8 @@ def test_replay_waits_again_for_a_mapper_that_was_restarted(office_bag):
 def test_reset_while_the_robot_is_far_from_the_origin(mapper, tmp_path):
     """The window of the map starts anew somewhere else; nothing of the old one may matter."""
     recording = [
-        (scan, Pose2D(pose.x_m + 500.0, pose.y_m, pose.yaw_rad))
-        for scan, pose in itertools.islice(
+        PlacedScan.at(scan, Pose2D(500.0 + pose.x_m, pose.y_m, pose.yaw_rad))
+        for scan, (pose, _, _) in itertools.islice(
             record(office(), Lidar(beams=30), np.random.default_rng(9)), 20
         )
     ]

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.naive_posterior import NaivePosterior
+from support.strategies import REPEATABLE, fan
+from support.tiny_problems import TinyProblem, cell_numbers, tiny_problems
 
 from ogm_mcmc.config import ForwardModelConfig, WindowConfig
 from ogm_mcmc.errors import ConfigError, GridError
-from ogm_mcmc.geometry import Pose2D
+from ogm_mcmc.geometry import PlacedScan, Pose2D
 from ogm_mcmc.sampling import CellModel, PosteriorSampler, RayWindow, run_chain, sweep
 from ogm_mcmc.sampling.cell_gibbs import ORDERS, start
 from ogm_mcmc.sampling.gibbs_kernels import conditional_log_odds, find_first_hits
-from ogm_mcmc.testing.naive_posterior import NaivePosterior
-from ogm_mcmc.testing.strategies import REPEATABLE, fan
-from ogm_mcmc.testing.tiny_problems import TinyProblem, cell_numbers, tiny_problems
 
 approx = pytest.approx
 
@@ -32,8 +32,8 @@ def problem(kind='beam', prior=0.2, **settings):
     """Two sensors that look at the same few cells, one of them seeing past what the other sees."""
     model = ForwardModelConfig(kind=kind, **{'sigma': 0.7, 'clutter': 0.1, **settings})
     placed = (
-        (fan(1.6, 2.3, increment=0.35, range_max_m=3.5), Pose2D(0.3, 0.4, 0.1)),
-        (fan(INF, 1.1, increment=0.5, range_max_m=3.5), Pose2D(0.6, 1.3, -0.4)),
+        PlacedScan.at(fan(1.6, 2.3, increment=0.35, range_max_m=3.5), Pose2D(0.3, 0.4, 0.1)),
+        PlacedScan.at(fan(INF, 1.1, increment=0.5, range_max_m=3.5), Pose2D(0.6, 1.3, -0.4)),
     )
     return TinyProblem(model, WindowConfig(resolution=1.0, cut_sigma=0.0), prior, placed)
 
@@ -95,7 +95,7 @@ def test_same_maps_in_a_larger_window(kind, cut):
     """A hundred cells with up to a dozen rays each, most of them decided."""
     rng = np.random.default_rng(8)
     placed = [
-        (
+        PlacedScan.at(
             fan(*rng.uniform(0.4, 2.2, 7), bearing=-3.0, increment=0.85, range_max_m=2.5),
             Pose2D(*rng.uniform(-0.6, 0.6, 2), rng.uniform(-3.0, 3.0)),
         )

@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
+from support.strategies import fan
 
 from ogm_mcmc.config import ForwardModelConfig, WindowConfig
 from ogm_mcmc.exact import enumerate_maps
-from ogm_mcmc.geometry import Pose2D
+from ogm_mcmc.geometry import PlacedScan, Pose2D
 from ogm_mcmc.sampling import CellModel, PosteriorSampler, RayWindow
 from ogm_mcmc.sampling.diagnostics import BatchCounts, assess, split_r_hat
-from ogm_mcmc.testing.strategies import fan
 
 approx = pytest.approx
 
@@ -182,12 +182,14 @@ def test_effective_samples_are_those_of_the_larger_variance(n):
 
 def one_scan():
     """15 cells: free ones, walls, and those that nobody knows, all of which mix well."""
-    return fan(1.6, 1.1, increment=0.5, range_max_m=3.0), Pose2D(0.3, 0.4)
+    return PlacedScan.at(fan(1.6, 1.1, increment=0.5, range_max_m=3.0), Pose2D(0.3, 0.4))
 
 
 def between_two_cells():
     """Three readings between two cells: one is occupied, and seldom the other one instead."""
-    return fan(1.72, 1.72, 1.72, increment=0.001, range_max_m=3.0), Pose2D(0.3, 0.25)
+    return PlacedScan.at(
+        fan(1.72, 1.72, 1.72, increment=0.001, range_max_m=3.0), Pose2D(0.3, 0.25)
+    )
 
 
 CLEAR = {'scan': one_scan, 'sigma': 0.15, 'prior': 0.15}

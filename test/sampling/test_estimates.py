@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from sklearn.metrics import mutual_info_score
+from support.strategies import REPEATABLE
 
 from ogm_mcmc.sampling.estimates import mutual_information_bits
-from ogm_mcmc.testing.strategies import REPEATABLE
 
 approx = pytest.approx
 

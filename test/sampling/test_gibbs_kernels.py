@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.strategies import REPEATABLE
+from support.tiny_problems import cell_numbers, tiny_problems
 
 from ogm_mcmc.sampling import CellModel
 from ogm_mcmc.sampling.gibbs_kernels import (
@@ -16,8 +18,6 @@ from ogm_mcmc.sampling.gibbs_kernels import (
     sweep_arrays,
     sweep_cells,
 )
-from ogm_mcmc.testing.strategies import REPEATABLE
-from ogm_mcmc.testing.tiny_problems import cell_numbers, tiny_problems
 
 approx = pytest.approx
 

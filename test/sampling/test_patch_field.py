@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+from support import naive_patches
 
 from ogm_mcmc.config import LearningConfig
 from ogm_mcmc.errors import ConfigError
@@ -18,7 +19,6 @@ from ogm_mcmc.sampling.patch_field import (
 )
 from ogm_mcmc.sampling.patch_learning import count_map
 from ogm_mcmc.sampling.patch_patterns import canonical, cells_of, images
-from ogm_mcmc.testing import naive_patches
 
 
 @pytest.fixture(scope='module')

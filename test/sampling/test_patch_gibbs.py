@@ -5,19 +5,19 @@ import math
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from support import naive_patch_sampler as naive
+from support.strategies import fan
 
 from ogm_mcmc.config import ForwardModelConfig, WindowConfig
 from ogm_mcmc.errors import GridError, PriorError, WindowError
 from ogm_mcmc.exact import enumerate_maps
-from ogm_mcmc.geometry import CellBox, Pose2D
+from ogm_mcmc.geometry import CellBox, PlacedScan, Pose2D
 from ogm_mcmc.io.prior_files import default_prior_file, load_prior
 from ogm_mcmc.sampling import CellModel, PosteriorSampler, RayWindow
 from ogm_mcmc.sampling.patch_gibbs import PatchModel
 from ogm_mcmc.sampling.patch_gibbs_kernels import add_likelihoods, scratch
 from ogm_mcmc.sampling.patch_patterns import images, join, split
 from ogm_mcmc.sampling.patch_prior import PatchTable, make_table
-from ogm_mcmc.testing import naive_patch_sampler as naive
-from ogm_mcmc.testing.strategies import fan
 
 # Two patches of 3 x 3, one beside the other.
 WIDTH, HEIGHT = 6, 5
@@ -41,7 +41,10 @@ def two_scans():
     """From inside and from the rim, into all directions, with readings of all kinds."""
     around = fan(1.3, 2.2, 2.9, 0.7, math.inf, 1.6, 2.4, increment=0.9, range_max_m=7.0)
     ahead = fan(2.4, 4.6, 3.1, 5.2, 0.4, bearing=-0.5, increment=0.25, range_max_m=7.0)
-    return [(around, Pose2D(3.3, 2.6, 0.1)), (ahead, Pose2D(0.4, 2.3, 0.05))]
+    return [
+        PlacedScan.at(around, Pose2D(3.3, 2.6, 0.1)),
+        PlacedScan.at(ahead, Pose2D(0.4, 2.3, 0.05)),
+    ]
 
 
 def handmade_table():
@@ -202,7 +205,10 @@ def test_published_variant_draws_as_its_twin():
 @pytest.mark.parametrize('random_share', [0.0, 0.2])
 def test_records_equal_a_rescan(name, order, random_share, buildings):
     width, height = 13, 11
-    scans = [(scan, Pose2D(p.x_m + 4.0, p.y_m + 3.0, p.yaw_rad)) for scan, p in two_scans()]
+    scans = [
+        PlacedScan.at(scan, Pose2D(p.x_m + 4.0, p.y_m + 3.0, p.yaw_rad))
+        for scan, (p, _, _) in two_scans()
+    ]
     index = window_of(scans, width, height).index
     rays = naive.rays_of(index)
     sampler = PatchModel(
@@ -231,7 +237,7 @@ def test_records_equal_a_rescan(name, order, random_share, buildings):
 def test_patches_and_cells_find_the_exact_marginals():
     # The rays stay inside of what patches can change: 9 cells in the middle of 5 x 5.
     scan = fan(0.9, 1.4, 1.9, 0.6, increment=0.35, bearing=-0.4, range_max_m=2.2)
-    index = window_of([(scan, Pose2D(1.4, 1.5, 0.3))], 7, 7).index
+    index = window_of([PlacedScan.at(scan, Pose2D(1.4, 1.5, 0.3))], 7, 7).index
     log_odds = math.log(0.3 / 0.7)
     exact = enumerate_maps(index, log_odds)
     assert 5 <= exact.touched.size <= 12
@@ -257,7 +263,7 @@ def test_patches_and_cells_find_the_exact_marginals():
 def three_cells():
     """Three cells in a row inside of 5 x 3, seen by two beams along the row."""
     scan = fan(2.4, 1.6, increment=0.01, range_max_m=6.0)
-    window = window_of([(scan, Pose2D(1.0, 1.5, 0.0))], 5, 3)
+    window = window_of([PlacedScan.at(scan, Pose2D(1.0, 1.5, 0.0))], 5, 3)
     return window.index, [6, 7, 8]
 
 
@@ -322,7 +328,10 @@ def test_kernel_has_the_bias_of_the_published_algorithm():
 @pytest.mark.parametrize(('prior', 'size'), [('border', 1), ('patch', 1), ('patch', 25)])
 def test_other_sizes_run_and_keep_their_records(prior, size, buildings):
     width, height = 16, 14
-    scans = [(scan, Pose2D(p.x_m + 5.0, p.y_m + 4.0, p.yaw_rad)) for scan, p in two_scans()]
+    scans = [
+        PlacedScan.at(scan, Pose2D(p.x_m + 5.0, p.y_m + 4.0, p.yaw_rad))
+        for scan, (p, _, _) in two_scans()
+    ]
     index = window_of(scans, width, height).index
     sampler = PatchModel(index, width, make_table(prior, size, buildings), escape=0.2)
     rng = np.random.default_rng(4)
@@ -459,11 +468,13 @@ def test_limits_cut_rays_as_a_shorter_reach_does():
     limits = CellBox(0, 0, 4, 1)
     config = WindowConfig(resolution=1.0, cut_sigma=0.0)
     limited = RayWindow(config, MODELS[0], limits=limits)
-    added = limited.add([(scan, Pose2D(0.25, 0.5)), (scan, Pose2D(-0.5, 0.5))])
+    added = limited.add(
+        [PlacedScan.at(scan, Pose2D(0.25, 0.5)), PlacedScan.at(scan, Pose2D(-0.5, 0.5))]
+    )
     assert added == 3
     assert limited.spec.box == limits
     reached = RayWindow(WindowConfig(resolution=1.0, cut_sigma=0.0, max_range=3.75), MODELS[0])
-    reached.add([(scan, Pose2D(0.25, 0.5))])
+    reached.add([PlacedScan.at(scan, Pose2D(0.25, 0.5))])
     for ray, other in zip(naive.rays_of(limited.index), naive.rays_of(reached.index), strict=True):
         assert ray.cells == [0, 1, 2, 3] == other.cells[:4]
         assert ray.values == pytest.approx(other.values[:4], abs=1e-4)

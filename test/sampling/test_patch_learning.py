@@ -8,14 +8,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
+from support import naive_patches
+from support.pictures import draw, read
+from support.strategies import REPEATABLE
 
 from ogm_mcmc.config import LearningConfig
 from ogm_mcmc.errors import PriorError
 from ogm_mcmc.sampling.patch_learning import count_map, count_windows, rescaled, total_of
 from ogm_mcmc.sampling.patch_patterns import pattern_of
-from ogm_mcmc.testing import naive_patches
-from ogm_mcmc.testing.pictures import draw, read
-from ogm_mcmc.testing.strategies import REPEATABLE
 
 
 def counter(windows, side):

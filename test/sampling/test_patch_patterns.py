@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from support import naive_patches
+from support.pictures import read
 
 from ogm_mcmc.sampling.patch_patterns import (
     canonical,
@@ -13,8 +15,6 @@ from ogm_mcmc.sampling.patch_patterns import (
     split,
     symmetry_permutations,
 )
-from ogm_mcmc.testing import naive_patches
-from ogm_mcmc.testing.pictures import read
 
 
 def test_bit_order_of_a_patch():

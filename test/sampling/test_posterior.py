@@ -5,12 +5,12 @@ import threading
 
 import numpy as np
 import pytest
+from support.strategies import fan
 
 from ogm_mcmc.config import ForwardModelConfig, WindowConfig
 from ogm_mcmc.errors import ConfigError, WindowError
-from ogm_mcmc.geometry import Pose2D
+from ogm_mcmc.geometry import PlacedScan, Pose2D
 from ogm_mcmc.sampling import CellModel, PosteriorSampler, RayWindow, over_dispersed_starts
-from ogm_mcmc.testing.strategies import fan
 
 approx = pytest.approx
 
@@ -21,8 +21,10 @@ def small_model(order='fixed', *, reading=1.6, prior=0.3):
     )
     window.add(
         [
-            (fan(reading, 1.9, increment=0.5, range_max_m=3.0), Pose2D(0.3, 0.4)),
-            (fan(float('inf'), 1.0, increment=0.5, range_max_m=3.0), Pose2D(0.6, 1.3, -0.7)),
+            PlacedScan.at(fan(reading, 1.9, increment=0.5, range_max_m=3.0), Pose2D(0.3, 0.4)),
+            PlacedScan.at(
+                fan(float('inf'), 1.0, increment=0.5, range_max_m=3.0), Pose2D(0.6, 1.3, -0.7)
+            ),
         ]
     )
     return CellModel(window.index, float(np.log(prior / (1 - prior))), window.spec.width, order)
@@ -273,7 +275,7 @@ def test_contents_that_do_not_fit_are_refused(saved, change):
 def test_another_window_is_refused(saved):
     """Of another size, and of the same size with other readings or other cells."""
     window = RayWindow(WindowConfig(resolution=0.5), ForwardModelConfig(sigma=0.6))
-    window.add([(fan(1.0, range_max_m=3.0), Pose2D(0.3, 0.4))])
+    window.add([PlacedScan.at(fan(1.0, range_max_m=3.0), Pose2D(0.3, 0.4))])
     other = CellModel(window.index, 0.0, window.spec.width)
     assert 'those of this window' in refused(saved, other)
     same_size = small_model(reading=1.7)

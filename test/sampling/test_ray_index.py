@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.naive_posterior import NaivePosterior
+from support.strategies import REPEATABLE, fan
+from support.tiny_problems import cell_numbers, tiny_problems
 
 from ogm_mcmc.config import ForwardModelConfig, WindowConfig
 from ogm_mcmc.errors import GridError, WindowError
-from ogm_mcmc.geometry import Pose2D, Scan
+from ogm_mcmc.geometry import PlacedScan, Pose2D, Scan
 from ogm_mcmc.sampling import RayWindow
-from ogm_mcmc.testing.naive_posterior import NaivePosterior
-from ogm_mcmc.testing.strategies import REPEATABLE, fan
-from ogm_mcmc.testing.tiny_problems import cell_numbers, tiny_problems
 
 approx = pytest.approx
 
@@ -75,7 +75,9 @@ def walk(count, seed, beams=12, spread=8.0, range_max_m=4.0):
         ranges[rng.random(beams) < 0.2] = math.inf
         ranges[rng.random(beams) < 0.1] = math.nan
         scan = fan(*ranges, bearing=-3.0, increment=6.0 / beams, range_max_m=range_max_m)
-        placed.append((scan, Pose2D(*rng.uniform(-spread, spread, 2), rng.uniform(-3, 3))))
+        placed.append(
+            PlacedScan.at(scan, Pose2D(*rng.uniform(-spread, spread, 2), rng.uniform(-3, 3)))
+        )
     return placed
 
 
@@ -127,7 +129,10 @@ def test_a_corridor_on_paper():
     """One beam along a row from x = 0.5 with a reading of 2.1 m, cells of 1 m, cut at 3.1 m."""
     model = ForwardModelConfig(kind='gaussian', sigma=0.5)
     window = window_of(
-        [(fan(2.1, range_max_m=9.0), Pose2D(0.5, 0.5))], model, resolution=1.0, cut_sigma=2.0
+        [PlacedScan.at(fan(2.1, range_max_m=9.0), Pose2D(0.5, 0.5))],
+        model,
+        resolution=1.0,
+        cut_sigma=2.0,
     )
     # Cells 0 to 3; their middles on the beam at 0.25, 1, 2 and 3 m.
     assert (window.spec.width, window.spec.height) == (4, 1)
@@ -167,7 +172,7 @@ def test_adding_nothing_changes_nothing():
     window = window_of(walk(2, seed=3))
     before, spec = window.index, window.spec
     assert window.add([]) == 0
-    assert window.add([(fan(math.nan, 50.0, -1.0), Pose2D(90.0, 0.0))]) == 0
+    assert window.add([PlacedScan.at(fan(math.nan, 50.0, -1.0), Pose2D(90.0, 0.0))]) == 0
     assert window.spec == spec
     assert window.index is before
 
@@ -205,7 +210,7 @@ def test_rays_that_are_too_long_are_refused():
     window = window_of(walk(1, seed=6))
     before = window.index
     with pytest.raises(GridError, match=r'a ray of 3\d{4} cells: expected at most 32500'):
-        window.add([(fan(9000.0, range_max_m=10000.0), Pose2D())])
+        window.add([PlacedScan.at(fan(9000.0, range_max_m=10000.0), Pose2D())])
     assert window.index is before
 
 
@@ -215,7 +220,9 @@ def test_a_reading_at_the_very_reach_is_a_reading(bearing):
     for reach in (20.0, 3.3, 7.7, 0.9):
         reading = float(np.float32(reach))
         scan = fan(reading, bearing=bearing, range_max_m=reading)
-        window = window_of([(scan, Pose2D(0.123, 0.456, 0.7))], resolution=0.1, cut_sigma=0.0)
+        window = window_of(
+            [PlacedScan.at(scan, Pose2D(0.123, 0.456, 0.7))], resolution=0.1, cut_sigma=0.0
+        )
         # Nothing on the ray: a range of R is clutter, 0.05 / R. No return would be 0.95.
         assert window.index.nothing[0] == approx(math.log(0.05 / reading), abs=1e-5)
 
@@ -231,7 +238,7 @@ def test_readings_of_next_to_nothing(reading):
         range_max_m=5.0,
     )
     config = WindowConfig(resolution=0.1, cut_sigma=4.0)
-    placed = [(scan, Pose2D(0.537, 0.221, 0.4))]
+    placed = [PlacedScan.at(scan, Pose2D(0.537, 0.221, 0.4))]
     window = RayWindow(config, BEAM)
     window.add(placed)
     assert_equals_twin(window, NaivePosterior(BEAM, config, 0.2, placed))
@@ -242,7 +249,7 @@ def test_beams_next_to_an_axis(yaw):
     """Whichever border they would meet in the end, they cross the cells of a beam along it."""
     config = WindowConfig(resolution=1.0, cut_sigma=0.0)
     model = ForwardModelConfig(kind='gaussian', sigma=1.0)
-    placed = [(fan(3.0, range_max_m=5.0), Pose2D(0.25, 0.5, yaw))]
+    placed = [PlacedScan.at(fan(3.0, range_max_m=5.0), Pose2D(0.25, 0.5, yaw))]
     window = window_of(placed, model, resolution=1.0, cut_sigma=0.0)
     assert_equals_twin(window, NaivePosterior(model, config, 0.2, placed))
 
@@ -253,7 +260,9 @@ def test_beams_along_axes_and_through_corners(x, y, yaw):
     """Whatever side they fall on: connected, finite, and distances that grow."""
     model = ForwardModelConfig(kind='gaussian', sigma=1.0)
     window = window_of(
-        [(fan(3.0, math.inf, range_max_m=5.0), Pose2D(x, y, yaw))], model, resolution=1.0
+        [PlacedScan.at(fan(3.0, math.inf, range_max_m=5.0), Pose2D(x, y, yaw))],
+        model,
+        resolution=1.0,
     )
     assert_consistent(window.index)
     for cells, values in by_ray(window.index):
@@ -290,7 +299,7 @@ def test_gain_is_a_bound_of_many_rays_too(reading):
         WindowConfig(resolution=1.0, cut_sigma=0.0),
         ForwardModelConfig(sigma=1.5, clutter=0.2, missing=0.2),
     )
-    window.add([(fan(*[reading] * count, range_max_m=4.0), Pose2D(0.5, 0.5))])
+    window.add([PlacedScan.at(fan(*[reading] * count, range_max_m=4.0), Pose2D(0.5, 0.5))])
     index = window.index
     # All rays are the same: what a cell gains is so many times what one gives.
     values = index.ray_likelihood[: index.ray_start[1]].astype(np.float64)

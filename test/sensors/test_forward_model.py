@@ -8,13 +8,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import integrate, stats
+from support.naive_posterior import log_likelihood_of_range, log_likelihood_unseen
+from support.strategies import REPEATABLE
+from support.tiny_problems import forward_models
 
 from ogm_mcmc.config import ForwardModelConfig
 from ogm_mcmc.sensors.forward_model import ForwardModel
 from ogm_mcmc.sensors.forward_model_kernels import level_log_likelihood, range_log_likelihood
-from ogm_mcmc.testing.naive_posterior import log_likelihood_of_range, log_likelihood_unseen
-from ogm_mcmc.testing.strategies import REPEATABLE
-from ogm_mcmc.testing.tiny_problems import forward_models
 
 approx = pytest.approx
 REACH = 8.0

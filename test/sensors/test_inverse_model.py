@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.strategies import REPEATABLE
 
 from ogm_mcmc.config import (
     GaussianModelConfig,
@@ -20,7 +21,6 @@ from ogm_mcmc.sensors import (
     beam_model,
 )
 from ogm_mcmc.sensors.inverse_model_kernels import gaussian_log_odds, phi, sonar_log_odds
-from ogm_mcmc.testing.strategies import REPEATABLE
 
 approx = pytest.approx
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.naive_cone import cell_echoes, nearest_in_cone
+from support.strategies import REPEATABLE
 
 from ogm_mcmc.geometry import GridSpec, Pose2D
 from ogm_mcmc.simulation import GridWorld, true_ranges
 from ogm_mcmc.simulation.cone_kernels import nearest_cell, nearest_wall
-from ogm_mcmc.testing.naive_cone import cell_echoes, nearest_in_cone
-from ogm_mcmc.testing.strategies import REPEATABLE
 
 approx = pytest.approx
 

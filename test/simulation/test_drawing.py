@@ -1,9 +1,9 @@
 """Shapes: a cell belongs to one if its centre does."""
 
 import numpy as np
+from support.pictures import read
 
 from ogm_mcmc.simulation.drawing import Canvas
-from ogm_mcmc.testing.pictures import read
 
 
 def same(canvas, picture):

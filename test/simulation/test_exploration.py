@@ -5,6 +5,7 @@ import itertools
 import numpy as np
 import pytest
 from scipy import ndimage
+from support.pictures import read
 
 from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.geometry import GridSpec
@@ -17,7 +18,6 @@ from ogm_mcmc.simulation import (
     record_exploration,
 )
 from ogm_mcmc.simulation.raster_kernels import keep_clear, look_around, walk_distances
-from ogm_mcmc.testing.pictures import read
 
 TWO_ROOMS = """
     ####################

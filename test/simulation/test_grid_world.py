@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.naive import corner_margin, crossed_cells
+from support.pictures import read
+from support.strategies import REPEATABLE
 
 from ogm_mcmc.errors import ConfigError, GridError
 from ogm_mcmc.geometry import GridMap, GridSpec, Pose2D
 from ogm_mcmc.simulation import GridWorld
 from ogm_mcmc.simulation.raster_kernels import first_occupied
-from ogm_mcmc.testing.naive import corner_margin, crossed_cells
-from ogm_mcmc.testing.pictures import read
-from ogm_mcmc.testing.strategies import REPEATABLE
 
 
 def world(picture, resolution=1.0):

@@ -103,10 +103,10 @@ def localized():
 @pytest.mark.jit
 def test_the_same_way_and_scans_as_with_known_poses(localized):
     known, believed = localized
-    assert [one.pose for one in known] == [one.pose for one in believed]
+    assert [one.pose for one in known] == [one.truth for one in believed]
     for one, other in zip(known, believed, strict=True):
-        assert one.scan.stamp_ns == other.scan.stamp_ns
-        assert np.array_equal(one.scan.ranges_m, other.scan.ranges_m)
+        assert one.scan.stamp_ns == other.placed.scan.stamp_ns
+        assert np.array_equal(one.scan.ranges_m, other.placed.scan.ranges_m)
 
 
 @pytest.mark.jit
@@ -114,20 +114,20 @@ def test_beliefs_are_near_the_truth_and_say_how_near(localized):
     _, believed = localized
     errors, squared = [], []
     for one in believed:
-        mean, true = one.belief.mean, one.pose
+        mean, true = one.placed.pose, one.truth
         turn = (mean.yaw_rad - true.yaw_rad + math.pi) % (2 * math.pi) - math.pi
         error = np.array([mean.x_m - true.x_m, mean.y_m - true.y_m, turn])
         errors.append(math.hypot(error[0], error[1]))
-        squared.append(error @ np.linalg.solve(one.belief.covariance, error))
+        squared.append(error @ np.linalg.solve(one.placed.belief.covariance, error))
     drift = math.hypot(
-        believed[-1].odometry.x_m - believed[-1].pose.x_m,
-        believed[-1].odometry.y_m - believed[-1].pose.y_m,
+        believed[-1].odometry.x_m - believed[-1].truth.x_m,
+        believed[-1].odometry.y_m - believed[-1].truth.y_m,
     )
     assert max(errors) < 0.2
     assert drift > 5 * max(errors)
     # Three degrees of freedom: an honest belief has 3 on average. Ours claims rather too little.
     assert 0.3 < np.mean(squared) < 6.0
-    spread = [math.sqrt(one.belief.covariance[0, 0]) for one in believed]
+    spread = [math.sqrt(one.placed.belief.covariance[0, 0]) for one in believed]
     assert 0.01 < np.median(spread) < 0.1
 
 

@@ -5,15 +5,16 @@ import math
 
 import numpy as np
 import pytest
+from support.pictures import read
 
 from ogm_mcmc.config import MapperConfig, MountConfig
+from ogm_mcmc.engine.placing import sensor_mount
 from ogm_mcmc.errors import ConfigError
-from ogm_mcmc.geometry import GridSpec, Pose2D, PoseBelief
+from ogm_mcmc.geometry import GridSpec, Pose2D
 from ogm_mcmc.io.map_files import load_map
 from ogm_mcmc.io.sonar_bag import write_sonar_recording
-from ogm_mcmc.pipeline import MappingPipeline, sensor_mount
+from ogm_mcmc.pipeline import MappingPipeline
 from ogm_mcmc.simulation import Building, GridWorld, SonarRing, walk
-from ogm_mcmc.testing.pictures import read
 
 approx = pytest.approx
 
@@ -27,8 +28,7 @@ def ring_readings(ring, seed=3):
     rng = np.random.default_rng(seed)
     poses = walk(WAY, period_s=0.2, speed_m_s=0.5, turn_rad_s=1.0)
     for k, robot in enumerate(poses):
-        for reading in ring.measure(HALL, robot, rng, 10**9 + k * 200_000_000):
-            yield reading.scan, robot
+        yield from ring.measure(HALL, robot, rng, 10**9 + k * 200_000_000)
 
 
 def test_a_sonar_hears_the_nearest_wall_of_its_cone():
@@ -190,15 +190,14 @@ def assert_shows_the_room(grid_map):
 def test_a_ring_of_sonars_maps_a_room():
     ring = SonarRing()
     pipeline = MappingPipeline(MapperConfig(method='sonar', resolution=0.1))
-    mounts = MountConfig(frames=ring.mounts_setting())
-    for scan, robot in ring_readings(ring):
-        pipeline.update(scan, PoseBelief(robot), sensor_mount(mounts, scan.frame_id))
+    for placed in ring_readings(ring):
+        pipeline.update(placed)
     assert_shows_the_room(pipeline.map())
 
 
 def test_a_bag_of_ranges_maps_the_same_room(run_cli, tmp_path):
     ring = SonarRing()
-    count = write_sonar_recording(tmp_path / 'bag', ring_readings(ring))
+    count = write_sonar_recording(tmp_path / 'bag', ring_readings(ring), ring.mounts())
     done = run_cli(
         *('map', 'bag', '-o', 'out', '--method', 'sonar', '--resolution', '0.1', '--json'),
         *('--mount.frames', ring.mounts_setting()),

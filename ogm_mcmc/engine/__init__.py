@@ -1,0 +1,12 @@
+"""What nodes, commands and experiments share between a placed scan and a finished map.
+
+    scans + poses --placing, bag_scans--> PlacedScan --+--> live_map.map_of -----> GridMap
+                                                       +--> pipeline, map_view --> live display
+                                                       +--> recording -> refinement (posterior)
+                                                                         worker: in a thread
+
+`placing` waits for poses and never misplaces a scan; `bag_scans` reads a recording the same way;
+`recording` keeps what is to be sampled; `posterior` turns settings into a model of the sampler;
+`refinement` samples for as long as there is time; `worker` does so while its node goes on. No
+module here imports ROS.
+"""

@@ -1,0 +1,184 @@
+"""Scans of a bag, each with the belief about its sensor's pose: the one door for recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
+
+from ogm_mcmc.config import MountConfig
+from ogm_mcmc.engine.placing import PoseHistory, RobotScan, ScanPlacer, sensor_mount
+from ogm_mcmc.errors import BagError, PoseError, ScanError
+from ogm_mcmc.geometry import PlacedScan
+from ogm_mcmc.io import messages, ros_types
+from ogm_mcmc.io.bags import BagReader, BagTopic
+
+__all__ = [
+    'POSE_TYPES',
+    'BagScans',
+    'PlacedScans',
+    'StreamChoice',
+    'StreamTopics',
+    'choose_topics',
+    'read_scans',
+]
+
+POSE_TYPES = {
+    'pose': (ros_types.POSE, 'geometry_msgs/msg/PoseStamped', ros_types.ODOMETRY),
+    'particles': (ros_types.PARTICLES, ros_types.PARTICLE_CLOUD),
+}
+
+
+@dataclass(frozen=True)
+class StreamChoice:
+    """Which topics to use; empty names stand for the first that fits.
+
+    `sensor` range: Range messages in place of scans; `scan_topic` may name several of their
+    topics, separated by commas, and if empty stands for all of them.
+    """
+
+    scan_topic: str = ''
+    pose_topic: str = ''
+    pose_source: str = 'pose'
+    max_pose_gap_s: float = 2.0
+    sensor: str = 'scan'
+    mounts: MountConfig = MountConfig()  # noqa: RUF009 - frozen
+
+
+class StreamTopics(NamedTuple):
+    """The topics chosen and the map frame their poses name.
+
+    `scan_frame` is that of the first scan; Range messages come from as many frames as sonars.
+    """
+
+    scan: BagTopic
+    pose: BagTopic
+    map_frame: str
+    scan_frame: str
+    more_ranges: tuple[BagTopic, ...] = ()
+
+    @property
+    def scans(self) -> tuple[BagTopic, ...]:
+        """All topics with readings."""
+        return (self.scan, *self.more_ranges)
+
+    @property
+    def n_scans(self) -> int:
+        """Number of readings on them."""
+        return sum(topic.n_messages for topic in self.scans)
+
+
+def choose_topics(bag: BagReader, choice: StreamChoice) -> StreamTopics:
+    """Find the scans and poses of a bag. Raises BagError that says what is missing."""
+    if choice.sensor == 'range':
+        scan, *more = _range_topics(bag, choice.scan_topic)
+    else:
+        scan, more = bag.find('scans', (ros_types.SCAN,), choice.scan_topic), []
+    pose = bag.find('poses', POSE_TYPES[choice.pose_source], choice.pose_topic)
+    frames: list[str] = []
+    for topic in (pose, scan):
+        first = next(bag.records((topic.name,)), None)
+        if first is None:
+            raise BagError(
+                f'{bag.path}: no message on {topic.name}, although its index names some'
+            )
+        frames.append(messages.frame_of(bag.decode(first)))
+    return StreamTopics(scan, pose, frames[0], frames[1], tuple(more))
+
+
+def _range_topics(bag: BagReader, wanted: str) -> list[BagTopic]:
+    if wanted:
+        names = filter(None, map(str.strip, wanted.split(',')))
+        return [bag.find('ranges', (ros_types.RANGE,), name) for name in names]
+    bag.find('ranges', (ros_types.RANGE,))  # or say what is missing
+    return [t for t in bag.topics() if t.msgtype == ros_types.RANGE and t.n_messages > 0]
+
+
+@dataclass
+class PlacedScans:
+    """Iterate over a bag's placed scans; afterwards `placer.dropped` says what was left out.
+
+    The same reading and placing as in the live node. In a file nothing comes late: a scan waits
+    for its pose until the end of the bag. A message at fault raises BagError with its time, and
+    so does a bag of which no scan could be placed. `frames` are those of the scans.
+    """
+
+    bag: BagReader
+    topics: StreamTopics
+    choice: StreamChoice
+    on_scan: Callable[[], object] = lambda: None
+    placer: ScanPlacer = field(init=False)
+    placed: int = field(default=0, init=False)
+    frames: set[str] = field(default_factory=set, init=False)
+
+    def __post_init__(self) -> None:
+        """Prepare an empty history."""
+        history = PoseHistory(max_gap_s=self.choice.max_pose_gap_s)
+        self.placer = ScanPlacer(history, timeout_s=1.0, max_waiting=1_000_000)
+
+    def __iter__(self) -> Iterator[PlacedScan]:
+        """Yield placed scans in order of their stamps."""
+        read_pose = (
+            messages.read_particles
+            if self.choice.pose_source == 'particles'
+            else messages.read_pose
+        )
+        ranges = self.choice.sensor == 'range'
+        read_scan = messages.read_range if ranges else messages.read_scan
+        scan_names = {topic.name for topic in self.topics.scans}
+        for record in self.bag.records((*scan_names, self.topics.pose.name)):
+            message = self.bag.decode(record)
+            where = f'{self.bag.path}: {record.topic} at {record.time_ns / 1e9:.3f} s'
+            try:
+                if record.topic in scan_names:
+                    if not ranges:
+                        frame = messages.frame_of(message)
+                        self._check_frame(where, frame, self.topics.scan_frame)
+                    self.placer.add_scan(read_scan(message))
+                    self.on_scan()
+                else:
+                    self._check_frame(where, messages.frame_of(message), self.topics.map_frame)
+                    self.placer.add_pose(messages.stamp_of(message), read_pose(message))
+            except (ScanError, PoseError) as error:
+                raise BagError(f'{where}: {error}') from error
+            yield from map(self._mounted, self.placer.placed())
+        yield from map(self._mounted, self.placer.flush())
+        if self.placed == 0:
+            raise BagError(
+                f'{self.bag.path}: none of {self.topics.n_scans} scans could be placed '
+                f'({dict(self.placer.dropped)}): expected poses on {self.topics.pose.name} around '
+                f'the stamps of {self.topics.scan.name}'
+            )
+
+    def _mounted(self, taken: RobotScan) -> PlacedScan:
+        self.placed += 1
+        frame = taken.scan.frame_id
+        self.frames.add(frame)
+        return PlacedScan.on_robot(*taken, sensor_mount(self.choice.mounts, frame))
+
+    def _check_frame(self, where: str, frame: str, expected: str) -> None:
+        if frame != expected:
+            raise BagError(f'{where}: frame_id is {frame!r}: expected {expected!r} as before')
+
+
+class BagScans(NamedTuple):
+    """All placed scans of a bag, the topics they came from, and what was dropped, by reason."""
+
+    placed: list[PlacedScan]
+    topics: StreamTopics
+    dropped: dict[str, int]
+
+
+def read_scans(
+    path: Path, choice: StreamChoice, progress: Callable[[int], Callable[[], object]]
+) -> BagScans:
+    """Read and place all scans of a bag; `progress(n)` gives what is called after each of n.
+
+    Raises BagError when none can be placed.
+    """
+    with BagReader(path) as bag:
+        topics = choose_topics(bag, choice)
+        scans = PlacedScans(bag, topics, choice, on_scan=progress(topics.n_scans))
+        placed = list(scans)
+    return BagScans(placed, topics, dict(scans.placer.dropped))

@@ -1,0 +1,67 @@
+"""The traditional map of scans, and maps that chains start from."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from ogm_mcmc.arrays import UInt8Array
+from ogm_mcmc.config import MapperConfig, WindowConfig
+from ogm_mcmc.errors import GridError
+from ogm_mcmc.geometry import CellBox, GridMap, GridSpec, PlacedScan
+from ogm_mcmc.mapping import make_method
+
+__all__ = ['cells_on', 'check_lattice', 'live_map', 'map_of']
+
+
+def map_of(
+    scans: Iterable[PlacedScan], config: MapperConfig, box: CellBox | None = None
+) -> GridMap:
+    """Map scans with the method that the settings name.
+
+    Returns the whole map, or a `box` of its lattice, nan where nothing was measured. Raises
+    GridError when the map would become too large.
+    """
+    method = make_method(config)
+    for placed in scans:
+        method.update(placed)
+    found = GridMap(method.spec, method.probabilities(method.spec.box))
+    return found if box is None else found.windowed(box)
+
+
+def live_map(scans: Iterable[PlacedScan], window: WindowConfig) -> GridMap:
+    """Return the two-assumption map of the same scans on the lattice of a window."""
+    config = MapperConfig(
+        resolution=window.resolution, max_range=window.max_range, no_return=window.no_return
+    )
+    return map_of(scans, config)
+
+
+def cells_on(spec: GridSpec, grid: GridMap, threshold: float, elsewhere: float) -> UInt8Array:
+    """Return a map (K,) of a window: 1 where `grid` is at least at a threshold.
+
+    Cells that `grid` does not know have the probability `elsewhere`.
+    """
+    check_lattice(spec, grid)
+    cells = np.full((spec.height, spec.width), elsewhere >= threshold, np.uint8)
+    common = spec.box.intersection(grid.spec.box)
+    if not common.empty:
+        known = np.nan_to_num(grid.probability[grid.spec.slices(common)], nan=elsewhere)
+        cells[spec.slices(common)] = known >= threshold
+    return cells.reshape(-1)
+
+
+def check_lattice(spec: GridSpec, grid: GridMap) -> None:
+    """Raise GridError unless the cells of `grid` are those of a window's lattice."""
+    same = (
+        grid.spec.resolution_m == spec.resolution_m
+        and grid.spec.anchor_x_m == spec.anchor_x_m
+        and grid.spec.anchor_y_m == spec.anchor_y_m
+    )
+    if not same:
+        raise GridError(
+            f'start map with cells of {grid.spec.resolution_m:g} m anchored at '
+            f'({grid.spec.anchor_x_m:g}, {grid.spec.anchor_y_m:g}): expected '
+            f'{spec.resolution_m:g} m at ({spec.anchor_x_m:g}, {spec.anchor_y_m:g})'
+        )

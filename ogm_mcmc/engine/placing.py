@@ -1,0 +1,293 @@
+"""Which pose a scan was taken at: scans wait for poses, and none is ever misplaced.
+
+Stamps are integer nanoseconds end to end. A scan is used with the belief at its own stamp,
+interpolated between the poses around it; there is no extrapolation. A scan that cannot be placed
+is dropped and counted under the reason. The live node, the offline commands and the tests all
+run this code.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections import Counter, deque
+from collections.abc import Callable, Iterator
+from functools import lru_cache
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from ogm_mcmc.config import MountConfig
+from ogm_mcmc.errors import PoseError
+from ogm_mcmc.geometry import Pose2D, PoseBelief, PoseSamples, Scan, SensorMount, interpolate
+
+__all__ = ['DROP_REASONS', 'PoseHistory', 'PoseSource', 'RobotScan', 'ScanPlacer', 'sensor_mount']
+
+NS_PER_S = 1_000_000_000
+
+# Stamps that go back further than this are a restart (a bag played again), not a late message.
+RESTART_NS = NS_PER_S
+
+# Nor are so many in a row that go back less: a bag of under a second played again.
+RESTART_AFTER = 10
+
+# While poses come in, a scan waits for its own, but not longer than so many timeouts.
+PATIENCE = 10.0
+
+DROP_REASONS = {
+    'scan_out_of_order': 'its stamp is not later than the scan before it',
+    'scan_jumped_back': 'its stamp is more than 1 s before the scan before it, or again and again',
+    'pose_out_of_order': 'the pose is not later than the pose before it',
+    'pose_jumped_back': 'the pose goes back more than 1 s, or again and again; history restarted',
+    'before_restart': 'it waited for a pose when time started again',
+    'scan_before_poses': 'it is older than every pose known',
+    'pose_gap': 'the poses before and after it are too far apart',
+    'pose_timeout': 'no pose as late as the scan came in time',
+    'queue_full': 'too many scans were waiting for a pose',
+    'pose_unusable': 'the pose at its stamp is not level or not finite',
+    'pose_unavailable': 'the pose source has no pose at its stamp',
+}
+
+
+class Waiting(Exception):  # noqa: N818 - a state, not an error
+    """The pose may still come."""
+
+
+class Unplaceable(Exception):  # noqa: N818 - an answer, not an error
+    """The pose will not come; `args[0]` is one of `DROP_REASONS`."""
+
+
+class PoseSource(Protocol):
+    """Where poses come from: a recorded history, or a tf buffer."""
+
+    def at(self, stamp_ns: int) -> PoseBelief:
+        """Return the belief at a stamp; raises Waiting, Unplaceable or PoseError."""
+        ...
+
+    def restart(self, stamp_ns: int) -> None:
+        """Forget everything that lies ahead of a stamp: time started again there."""
+        ...
+
+    def clear(self) -> None:
+        """Forget all poses."""
+        ...
+
+
+class PoseHistory:
+    """Recent beliefs about the robot's pose, in order of their stamps."""
+
+    def __init__(self, *, max_gap_s: float = 2.0, keep: int = 10_000) -> None:
+        self.max_gap_ns = round(max_gap_s * NS_PER_S)
+        self.keep = keep
+        self.stamps: list[int] = []
+        self.beliefs: list[PoseBelief] = []
+        self._late = 0  # in a row
+
+    def add(self, stamp_ns: int, belief: PoseBelief) -> str | None:
+        """Take a pose; return the reason when it was dropped (or restarted the history)."""
+        restarted = bool(self.stamps) and stamp_ns <= self.stamps[-1]
+        if restarted:
+            # A source that repeats one stamp is stuck, not restarted.
+            self._late += stamp_ns < self.stamps[-1]
+            if self.stamps[-1] - stamp_ns <= RESTART_NS and self._late <= RESTART_AFTER:
+                return 'pose_out_of_order'
+            self.clear()
+        self._late = 0
+        self.stamps.append(stamp_ns)
+        self.beliefs.append(belief)
+        if len(self.stamps) > 2 * self.keep:
+            del self.stamps[: -self.keep], self.beliefs[: -self.keep]
+        return 'pose_jumped_back' if restarted else None
+
+    def restart(self, stamp_ns: int) -> None:
+        """Forget all poses if any lies ahead of a stamp: time started again there."""
+        if self.stamps and self.stamps[-1] > stamp_ns + RESTART_NS:
+            self.clear()
+
+    def clear(self) -> None:
+        """Forget all poses."""
+        self.stamps.clear()
+        self.beliefs.clear()
+        self._late = 0
+
+    def at(self, stamp_ns: int) -> PoseBelief:
+        """Return the belief at a stamp; raises Waiting or Unplaceable."""
+        later = bisect_left(self.stamps, stamp_ns)
+        if later == len(self.stamps):
+            raise Waiting
+        if self.stamps[later] == stamp_ns:
+            return self.beliefs[later]
+        if later == 0:
+            raise Unplaceable('scan_before_poses')
+        start, end = self.stamps[later - 1], self.stamps[later]
+        if end - start > self.max_gap_ns:
+            raise Unplaceable('pose_gap')
+        fraction = (stamp_ns - start) / (end - start)
+        return _between(self.beliefs[later - 1], self.beliefs[later], fraction)
+
+
+def _between(earlier: PoseBelief, later: PoseBelief, fraction: float) -> PoseBelief:
+    mean = interpolate(earlier.mean, later.mean, fraction)
+    covariance = None
+    if earlier.covariance is not None and later.covariance is not None:
+        covariance = (1.0 - fraction) * earlier.covariance + fraction * later.covariance
+    nearer = earlier if fraction < 0.5 else later
+    particles = None
+    if nearer.particles is not None:
+        # The cloud moves as one body with the mean.
+        step = mean.compose(nearer.mean.inverse())
+        cosine, sine = np.cos(step.yaw_rad), np.sin(step.yaw_rad)
+        old = nearer.particles.poses
+        poses = np.empty_like(old)
+        poses[:, 0] = step.x_m + cosine * old[:, 0] - sine * old[:, 1]
+        poses[:, 1] = step.y_m + sine * old[:, 0] + cosine * old[:, 1]
+        poses[:, 2] = (old[:, 2] + step.yaw_rad + np.pi) % (2.0 * np.pi) - np.pi
+        particles = PoseSamples(poses, nearer.particles.weights)
+    return PoseBelief(mean, covariance, particles)
+
+
+class RobotScan(NamedTuple):
+    """A scan as its sensor gave it, and the belief about the *robot's* pose at its stamp.
+
+    It becomes a `PlacedScan` where the mount of the sensor is known.
+    """
+
+    scan: Scan
+    belief: PoseBelief
+
+
+class _Queued(NamedTuple):
+    scan: Scan
+    arrived_s: float
+
+
+class ScanPlacer:
+    """Scans in, placed scans out, in the order they came (for one sensor, that of the stamps).
+
+    `timeout_s` bounds how long a scan waits after it and the last new pose came in (ten times as
+    long in all), `max_waiting` how many wait at once. `on_drop(reason, scan or None)` is told of
+    everything dropped.
+    """
+
+    def __init__(
+        self,
+        source: PoseSource,
+        *,
+        timeout_s: float = 1.0,
+        max_waiting: int = 1000,
+        on_drop: Callable[[str, Scan | None], None] | None = None,
+    ) -> None:
+        self.source = source
+        self.timeout_s = timeout_s
+        self.max_waiting = max_waiting
+        self.on_drop = on_drop
+        self.dropped: Counter[str] = Counter()
+        self._waiting: deque[_Queued] = deque()
+        self._last_stamp_ns: dict[str, int] = {}
+        self._late: Counter[str] = Counter()  # by frame, in a row
+        self._last_pose_s = -float('inf')
+
+    def __len__(self) -> int:
+        """Return how many scans are waiting."""
+        return len(self._waiting)
+
+    def drop(self, reason: str, scan: Scan | None = None) -> None:
+        """Count something that cannot be used."""
+        self.dropped[reason] += 1
+        if self.on_drop is not None:
+            self.on_drop(reason, scan)
+
+    def add_scan(self, scan: Scan, now_s: float = 0.0) -> None:
+        """Queue a scan; `now_s` is the time of arrival on any steady clock."""
+        last = self._last_stamp_ns.get(scan.frame_id)
+        if last is not None and scan.stamp_ns <= last:
+            self._late[scan.frame_id] += scan.stamp_ns < last
+            in_a_row = self._late[scan.frame_id]
+            if last - scan.stamp_ns <= RESTART_NS and in_a_row <= RESTART_AFTER:
+                self.drop('scan_out_of_order', scan)
+                return
+            self._late.clear()
+            self._restart(scan.stamp_ns)
+            self._last_stamp_ns[scan.frame_id] = scan.stamp_ns
+            self.drop('scan_jumped_back', scan)
+            return
+        self._last_stamp_ns[scan.frame_id] = scan.stamp_ns
+        self._late[scan.frame_id] = 0
+        if len(self._waiting) >= self.max_waiting:
+            self.drop('queue_full', self._waiting.popleft().scan)
+        self._waiting.append(_Queued(scan, now_s))
+
+    def add_pose(self, stamp_ns: int, belief: PoseBelief, now_s: float = 0.0) -> None:
+        """Take a pose into the history (only where the source is a `PoseHistory`)."""
+        if not isinstance(self.source, PoseHistory):
+            raise TypeError('this placer asks its source for poses; it does not take them')
+        reason = self.source.add(stamp_ns, belief)
+        if reason is None:
+            self._last_pose_s = now_s
+        else:
+            self.drop(reason)
+        if reason == 'pose_jumped_back':
+            self._restart(stamp_ns)
+
+    def _restart(self, stamp_ns: int) -> None:
+        """Time started again at a stamp: what lies ahead of it belongs to the time before.
+
+        Scans that wait are dropped and counted, older poses forgotten; a scan could otherwise
+        meet the poses of another run.
+        """
+        waiting = list(self._waiting)
+        self._waiting.clear()
+        for scan, arrived_s in waiting:
+            if scan.stamp_ns > stamp_ns + RESTART_NS:
+                self.drop('before_restart', scan)
+            else:
+                self._waiting.append(_Queued(scan, arrived_s))
+        for frame, last in list(self._last_stamp_ns.items()):
+            if last > stamp_ns + RESTART_NS:
+                del self._last_stamp_ns[frame]
+        self.source.restart(stamp_ns)
+
+    def clear(self) -> None:
+        """Forget waiting scans and poses, not the counts."""
+        self._waiting.clear()
+        self._last_stamp_ns.clear()
+        self.source.clear()
+
+    def flush(self) -> Iterator[RobotScan]:
+        """Yield what can be placed and drop the rest: nothing more will come."""
+        yield from self.placed(float('inf'))
+
+    def placed(self, now_s: float = 0.0) -> Iterator[RobotScan]:
+        """Yield every scan whose pose is known; drop what waited too long or has no place."""
+        while self._waiting:
+            scan, arrived_s = self._waiting[0]
+            try:
+                belief = self.source.at(scan.stamp_ns)
+            except Waiting:
+                waited_s = now_s - arrived_s
+                since_pose_s = now_s - max(arrived_s, self._last_pose_s)
+                if since_pose_s <= self.timeout_s and waited_s <= PATIENCE * self.timeout_s:
+                    return
+                self._waiting.popleft()
+                self.drop('pose_timeout', scan)
+            except Unplaceable as reason:
+                self._waiting.popleft()
+                self.drop(str(reason), scan)
+            except PoseError:
+                self._waiting.popleft()
+                self.drop('pose_unusable', scan)
+            else:
+                self._waiting.popleft()
+                yield RobotScan(scan, belief)
+
+
+def sensor_mount(config: MountConfig, frame_id: str = '') -> SensorMount:
+    """Return the mount that parameters describe, for the sensor of a frame."""
+    named = _named_mounts(config)
+    if frame_id in named:
+        return SensorMount(Pose2D(*named[frame_id]))
+    return SensorMount(Pose2D(config.x, config.y, config.yaw), config.upside_down)
+
+
+@lru_cache(maxsize=8)
+def _named_mounts(config: MountConfig) -> dict[str, tuple[float, float, float]]:
+    return config.named()

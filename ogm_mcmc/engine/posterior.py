@@ -1,0 +1,66 @@
+"""Settings and recorded rays to a model that the sampler draws from: the one builder of it."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+from typing import NamedTuple
+
+from ogm_mcmc.config import PatchConfig, PatchTableConfig, SamplerConfig
+from ogm_mcmc.io.prior_files import default_prior_file, load_prior
+from ogm_mcmc.sampling import CellModel, PosteriorModel, RayWindow
+from ogm_mcmc.sampling.patch_gibbs import PatchModel
+from ogm_mcmc.sampling.patch_prior import PatchTable, make_table
+
+__all__ = ['PatchPrior', 'patch_prior', 'posterior_model']
+
+
+class PatchPrior(NamedTuple):
+    """The table of a patch prior, None for single independent cells.
+
+    `occupied`: the probability of a cell of which nothing is known.
+    """
+
+    table: PatchTable | None
+    occupied: float
+
+
+def patch_prior(config: SamplerConfig, trimming: PatchTableConfig | None = None) -> PatchPrior:
+    """Return the prior that the settings name; `trimming` says which patterns are kept.
+
+    Raises PriorError for a file that cannot be used.
+    """
+    return _patch_prior(config.patch, config.chain.prior, config.window.resolution, trimming)
+
+
+def posterior_model(
+    config: SamplerConfig, window: RayWindow, table: PatchTable | None
+) -> PosteriorModel:
+    """Return the posterior of the rays of a window, single cells where there is no `table`."""
+    chain, patch, width = config.chain, config.patch, window.spec.width
+    if table is None:
+        return CellModel(window.index, chain.prior_log_odds, width, chain.order)
+    return PatchModel(
+        window.index,
+        width,
+        table,
+        order=patch.order,
+        escape=patch.escape,
+        random_share=patch.random_share,
+    )
+
+
+@lru_cache(maxsize=8)
+def _patch_prior(
+    patch: PatchConfig, cell_prior: float, resolution_m: float, trimming: PatchTableConfig | None
+) -> PatchPrior:
+    if patch.single_cells:
+        return PatchPrior(None, cell_prior)
+    if patch.prior == 'uniform':
+        table = make_table('uniform', patch.size, None, trimming, p_occupied=cell_prior)
+        return PatchPrior(table, cell_prior)
+    path = Path(patch.prior_file).expanduser() if patch.prior_file else default_prior_file()
+    counts = load_prior(path, resolution_m).counts
+    share = float(counts.cells[1] / counts.cells.sum())
+    table = make_table(patch.prior, patch.size, counts, trimming, p_occupied=cell_prior)
+    return PatchPrior(table, share)

@@ -1,0 +1,324 @@
+"""Placed scans in, converging posterior mean out: what `refine_server` and `sample` run.
+
+PlacedScan ---> Recording ---snapshot---> Refinement.take(scans)
+|  RayWindow (which rays touch which cell)
+|  live map (where one chain starts)
+v
+GridMap <--- posterior mean <--- PosteriorSampler.advance(sweeps) ... until a limit
+"""
+
+from __future__ import annotations
+
+import math
+import operator
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ogm_mcmc.arrays import Float32Array
+from ogm_mcmc.config import (
+    SamplerConfig,
+    StopConfig,
+    flatten,
+)
+from ogm_mcmc.engine.live_map import cells_on, check_lattice, live_map
+from ogm_mcmc.engine.posterior import patch_prior, posterior_model
+from ogm_mcmc.engine.recording import Recording, fingerprint
+from ogm_mcmc.errors import ConfigError, WindowError
+from ogm_mcmc.geometry import GridMap, PlacedScan, Pose2D, Scan
+from ogm_mcmc.io.map_files import replacing
+from ogm_mcmc.sampling import (
+    ChainQuality,
+    PosteriorSampler,
+    RayWindow,
+    over_dispersed_starts,
+)
+from ogm_mcmc.sampling.estimates import hide_uncertain
+
+__all__ = [
+    'Progress',
+    'Recording',
+    'Refinement',
+    'hide_uncertain',
+    'live_map',
+    'warm_up',
+]
+
+# Judging chains takes a look at every batch of every cell: at most this share of the time.
+JUDGING_SHARE = 0.1
+
+# Fewer sweeps agree by chance.
+MIN_COUNTED = 64
+
+
+class Progress(NamedTuple):
+    """How far sampling has come; `reason` says why it stopped, empty while it has not."""
+
+    sweeps: int
+    counted: int
+    seconds: float
+    sweeps_per_s: float
+    agreeing_share: float
+    r_hat_p99: float
+    ess_median: float
+    mcse_max: float
+    log_likelihood: float
+    reason: str = ''
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON, which knows no infinity: None for what is not known."""
+
+        def plain(value: Any) -> Any:
+            if not isinstance(value, float):
+                return value
+            return round(value, 6) if math.isfinite(value) else None
+
+        return {key: plain(value) for key, value in self._asdict().items()}
+
+
+class Refinement:
+    """The posterior of a set of scans, sampled for as long as there is time.
+
+    Deterministic for a seed: how long a round takes changes when it stops, never what it draws.
+    `prior` is the probability of being occupied of a cell of which nothing is known.
+    """
+
+    def __init__(self, config: SamplerConfig) -> None:
+        self.config = config
+        self._taken: list[PlacedScan] = []
+        self.window = self._empty_window()
+        self._table, self.prior = patch_prior(config)
+        self.sampler: PosteriorSampler | None = None
+        self.quality: ChainQuality | None = None  # of the measured cells
+        self._summary: dict[str, float] | None = None
+
+    # -- scans in ---------------------------------------------------------------------------
+
+    def take(self, scans: Sequence[PlacedScan], start: GridMap | None = None) -> int:
+        """Use these scans from now on; return the number of rays.
+
+        Scans added since the last time extend the rays already indexed; any other change builds
+        them anew. Chains begin at `start`; without it they go on from where they are (a warm
+        start), and the first ones begin as the configuration says. Raises WindowError when there
+        is nothing to sample or too much, and GridError when `start` is of another lattice;
+        nothing has changed then.
+        """
+        if not scans:
+            raise WindowError('no scan was recorded: expected at least one')
+        if start is not None:
+            check_lattice(self.window.spec, start)
+        known = len(self._taken)
+        extends = 0 < known <= len(scans) and all(
+            old is new for old, new in zip(self._taken, scans[:known], strict=True)
+        )
+        warm = self._present_maps()
+        window = self.window if extends else self._empty_window()
+        fresh = scans[known:] if extends else scans
+        window.add(fresh)
+        if window.index.n_rays == 0:
+            raise WindowError(f'no beam of {len(scans)} scans says anything: nothing to sample')
+        self.window, self._taken = window, list(scans)
+        self._begin(start, warm)
+        return window.index.n_rays
+
+    def _empty_window(self) -> RayWindow:
+        config = self.config
+        return RayWindow(config.window, config.model, margin=config.patch.window_margin)
+
+    def _begin(self, start: GridMap | None, warm: list[GridMap]) -> None:
+        chain, spec = self.config.chain, self.window.spec
+        model = posterior_model(self.config, self.window, self._table)
+        threshold = chain.start_threshold
+        if start is not None:
+            starts = [cells_on(spec, start, threshold, chain.prior)] * chain.chains
+        elif warm:
+            starts = [cells_on(spec, grid, 0.5, chain.prior) for grid in warm]
+        else:
+            live = live_map(self._taken, self.config.window)
+            starts = over_dispersed_starts(
+                chain.start,
+                chain.chains,
+                cells_on(spec, live, threshold, chain.prior),
+                chain.prior,
+                chain.seed,
+                cells_on(spec, live, 0.5, 1.0) == 0,
+            )
+        sampler = PosteriorSampler(model, starts, seed=chain.seed, burn_in=chain.burn_in)
+        if self.sampler is not None:
+            # From the seed, chains would repeat the numbers that brought them where they are. The
+            # generators are in a saved state, too: chains taken up again draw the same from here.
+            sampler.rngs = self.sampler.rngs
+        self.sampler, self.quality, self._summary = sampler, None, None
+
+    def _present_maps(self) -> list[GridMap]:
+        if self.sampler is None:
+            return []
+        spec = self.window.spec
+        return [
+            GridMap(spec, state.cells.reshape(spec.height, spec.width).astype(np.float32))
+            for state in self.sampler.states
+        ]
+
+    # -- sampling ---------------------------------------------------------------------------
+
+    def run(
+        self, stop: StopConfig, cancelled: Callable[[], bool] = lambda: False
+    ) -> Iterator[Progress]:
+        """Sample until a limit is reached; yield after each round of about 0.1 s.
+
+        The last progress carries the reason: `sweeps`, `time`, `converged` or `cancelled`.
+        Raises ConfigError at once when the limits contradict each other.
+        """
+        if self.sampler is None:
+            raise WindowError('no scan was taken: nothing to sample')
+        # Chains that go on may have their burn-in behind them.
+        if self.sampler.burn_in >= self.sampler.sweeps + stop.max_sweeps:
+            raise ConfigError(
+                f'max_sweeps is {stop.max_sweeps}: expected more than burn_in '
+                f'({self.sampler.burn_in}), or no sweep counts'
+            )
+        return self._rounds(self.sampler, stop, cancelled)
+
+    def _rounds(
+        self, sampler: PosteriorSampler, stop: StopConfig, cancelled: Callable[[], bool]
+    ) -> Iterator[Progress]:
+        began, done, per_round = time.monotonic(), 0, 1
+        judged_at, judging_s = began, 0.0
+        reason = ''
+        while not reason:
+            started = time.monotonic()
+            n = min(per_round, stop.max_sweeps - done)
+            sampler.advance(n)
+            done += n
+            now = time.monotonic()
+            per_round = max(
+                1, min(round(sampler.round_s * n / max(now - started, 1e-6)), 2 * per_round)
+            )
+            if done >= stop.max_sweeps:
+                reason = 'sweeps'
+            elif now - began >= stop.max_time:
+                reason = 'time'
+            elif cancelled():
+                reason = 'cancelled'
+            if reason or (now - judged_at) * JUDGING_SHARE >= judging_s:
+                quality = sampler.quality()
+                # Cells no ray crosses have nothing to agree about.
+                self.quality = None if quality is None else quality.of(sampler.model.measured)
+                self._summary = None if self.quality is None else self.quality.summary()
+                judged_at = time.monotonic()
+                judging_s = judged_at - now
+                if not reason and self._converged(stop, sampler.counted):
+                    reason = 'converged'
+            yield self._progress(sampler, done, time.monotonic() - began, stop, reason)
+
+    def _converged(self, stop: StopConfig, counted: int) -> bool:
+        return (
+            self.quality is not None
+            and stop.r_hat > 0.0
+            and counted >= MIN_COUNTED
+            and self.quality.agreeing_share(stop.r_hat) >= stop.agreeing_share
+        )
+
+    def _progress(
+        self, sampler: PosteriorSampler, done: int, seconds: float, stop: StopConfig, reason: str
+    ) -> Progress:
+        quality = self.quality
+        figures = {'r_hat_p99': np.inf, 'ess_median': 0.0, 'mcse_max': np.inf}
+        if self._summary is not None:
+            figures = {key: self._summary[key] for key in figures}
+        return Progress(
+            sweeps=sampler.sweeps,
+            counted=sampler.counted,
+            seconds=seconds,
+            sweeps_per_s=done / max(seconds, 1e-9),
+            agreeing_share=0.0 if quality is None else quality.agreeing_share(stop.r_hat),
+            log_likelihood=float(np.mean(sampler.log_likelihoods())),
+            reason=reason,
+            **figures,
+        )
+
+    # -- to disk and back -------------------------------------------------------------------
+
+    def holds(self, scans: Sequence[PlacedScan]) -> bool:
+        """Whether exactly these scans are being sampled: `run` then simply goes on."""
+        return len(scans) == len(self._taken) > 0 and all(map(operator.is_, scans, self._taken))
+
+    def save(self, path: Path) -> None:
+        """Write the chains, so that `resume` goes on as if nothing had happened.
+
+        Stored are every chain's map, counts and generator, the number of sweeps, the settings
+        and a fingerprint of the scans; not the scans themselves. Raises OutputError.
+        """
+        if self.sampler is None:
+            raise WindowError('nothing was sampled yet: no state to save')
+        with replacing(path) as temporary:
+            self.sampler.save(temporary, self._identity())
+
+    def resume(self, path: Path) -> None:
+        """Go on from a saved state instead of the start that `take` made.
+
+        Raises WindowError, with nothing changed, when the file is no such file, or was written
+        for other scans or settings.
+        """
+        if self.sampler is None:
+            raise WindowError('no scan was taken: take those of the saved state first')
+
+        def accept(saved: dict[str, Any]) -> None:
+            different = [key for key, value in self._identity().items() if saved.get(key) != value]
+            if different:
+                raise WindowError(f'{path}: expected a state of these scans; other {different[0]}')
+
+        sampler, _ = PosteriorSampler.load(path, self.sampler.model, accept)
+        self.sampler, self.quality, self._summary = sampler, None, None
+
+    def _identity(self) -> dict[str, Any]:
+        return {**self.settings(), 'fingerprint': fingerprint(self._taken)}
+
+    # -- maps out ---------------------------------------------------------------------------
+
+    def map(self) -> GridMap:
+        """Return the posterior mean on the window, nan where no ray ever came."""
+        if self.sampler is None:
+            raise WindowError('nothing was sampled yet: no map')
+        return self.grid_map(self.sampler.estimate().mean)
+
+    def grid_map(self, values: Float32Array) -> GridMap:
+        """Return values (C,) of the touched cells on the window, nan elsewhere."""
+        assert self.sampler is not None
+        return GridMap.of_cells(self.window.spec, self.sampler.model.touched, values)
+
+    @property
+    def draws(self) -> int:
+        """Maps of all chains that the posterior mean is the mean of."""
+        assert self.sampler is not None
+        return max(self.sampler.counted, 1) * len(self.sampler.states)
+
+    def settings(self) -> dict[str, Any]:
+        """Return what decided the samples: results carry it."""
+        return {**flatten(self.config), 'scans': len(self._taken)}
+
+
+def warm_up(config: SamplerConfig) -> int:
+    """Compile, or load from the cache, every kernel the configuration needs.
+
+    Returns the sweeps done on a window of one scan.
+    """
+    reach = 4.0 * config.window.resolution
+    scan = Scan.checked(
+        np.array([0.5, np.inf], np.float32) * np.float32(reach),
+        angle_min_rad=0.1,
+        angle_increment_rad=1.0,
+        range_min_m=0.0,
+        range_max_m=reach,
+    )
+    first, second = (PlacedScan.at(scan, Pose2D(x, 0.0)) for x in (0.0, reach))
+    refinement = Refinement(replace(config, window=replace(config.window, beam_stride=1)))
+    # The second time extends the index, which takes one kernel more.
+    for scans in ([first], [first, second]):
+        refinement.take(scans)
+        done = list(refinement.run(StopConfig(max_sweeps=config.chain.burn_in + 1)))
+    return done[-1].sweeps

@@ -1,0 +1,263 @@
+"""The thread that samples while its node goes on; imports no ROS.
+
+The node's thread leaves orders and reads `status`, `result` and `failure`, each one reference that
+the worker swaps. Nobody ever waits for the other: kernels release the GIL, and an order takes
+effect when the round of sampling in progress is over, about 0.1 s.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import threading
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from ogm_mcmc.config import SamplerConfig, StopConfig
+from ogm_mcmc.engine.refinement import Progress, Refinement
+from ogm_mcmc.errors import OgmError, WindowError
+from ogm_mcmc.geometry import GridMap, PlacedScan
+
+__all__ = ['RefineWorker', 'RefinedMap', 'WorkerStatus']
+
+JOIN_S = 60.0
+
+# Building an index cannot be interrupted, and half of one is worth nothing: nobody waits for it.
+LEAVE_INDEXING_S = 1.0
+
+
+class RefinedMap(NamedTuple):
+    """A posterior mean (nan: no ray ever came) as it was handed over; `number` rises by one.
+
+    It is the mean of `draws` maps of all chains; a cell of which nothing is known has `prior`.
+    """
+
+    number: int
+    grid_map: GridMap
+    prior: float
+    draws: int
+    scans: int
+    stamp_ns: int
+    final: bool
+
+
+class WorkerStatus(NamedTuple):
+    """What the worker does, how far it is, why it stopped, and what went wrong last."""
+
+    state: str = 'idle'  # idle, indexing, sampling
+    scans: int = 0
+    rays: int = 0
+    n_bytes: int = 0
+    progress: Progress | None = None
+    stopped: str = ''
+    error: str = ''
+
+
+class _Order(NamedTuple):
+    """Scans to sample, and when to stop."""
+
+    scans: Sequence[PlacedScan]
+    stop: StopConfig
+
+
+class RefineWorker:
+    """Samples the scans of the last order until a limit, a newer order, `stop` or `close`."""
+
+    def __init__(
+        self,
+        config: SamplerConfig,
+        *,
+        map_every_s: float = 1.0,
+        state_file: Path | None = None,
+        niceness: int = 0,
+        log: Callable[[str], object] = lambda text: None,
+    ) -> None:
+        self.config = config
+        self.map_every_s = map_every_s
+        self.state_file = state_file
+        self.niceness = niceness
+        self.log = log
+        self.status = WorkerStatus()
+        self.result: RefinedMap | None = None
+        self.failure: BaseException | None = None
+        self._refinement = Refinement(config)
+        self._handed_over = 0
+        self._changed = threading.Condition()  # of a re-entrant lock
+        # Guarded by the condition:
+        self._order: _Order | None = None
+        self._at_work: _Order | None = None
+        self._cancel = ''  # why the order at work shall end
+        self._save = False
+        self._forget = False
+        self._closing = False
+        self._thread = threading.Thread(target=self._run, name='refine', daemon=True)
+        self._thread.start()
+
+    # -- the node's side --------------------------------------------------------------------
+
+    def refine(self, scans: Sequence[PlacedScan], stop: StopConfig) -> bool:
+        """Sample these scans; return whether something else is stopped for it."""
+        return self._leave(_Order(scans, stop), 'refined again')
+
+    def stop(self) -> bool:
+        """End sampling, with a last map; return whether there was any."""
+        return self._leave(None, 'stopped')
+
+    def clear(self) -> None:
+        """End sampling and forget scans, chains and map."""
+        with self._changed:
+            self._leave(None, 'cleared')
+            self._forget, self.result = True, None
+
+    def _leave(self, order: _Order | None, reason: str) -> bool:
+        with self._changed:
+            busy = self._at_work is not None
+            some = busy or self._order is not None
+            self._order = order
+            if busy:
+                self._cancel = reason
+            self._changed.notify()
+            return some
+
+    def save_state(self) -> None:
+        """Have the state file written at the next break."""
+        with self._changed:
+            self._save = self.state_file is not None
+            self._changed.notify()
+
+    def close(self) -> None:
+        """End sampling, with a last map and the state file, and end the thread.
+
+        One that builds an index is left behind: it ends with the process.
+        """
+        with self._changed:
+            self._closing = True
+            self._leave(None, 'shut down')
+        began = time.monotonic()
+        while self.running and time.monotonic() - began < JOIN_S:
+            self._thread.join(0.05)
+            if self.status.state == 'indexing' and time.monotonic() - began > LEAVE_INDEXING_S:
+                self.log('left an index unfinished')
+                return
+
+    @property
+    def running(self) -> bool:
+        """Whether the thread is there."""
+        return self._thread.is_alive()
+
+    # -- the thread's side ------------------------------------------------------------------
+
+    def _run(self) -> None:
+        with contextlib.suppress(OSError, AttributeError):
+            # On Linux it concerns this thread and those it starts, the chains'.
+            os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), self.niceness)
+        try:
+            while self._take_order():
+                self._carry_out()
+        except BaseException as error:  # the node raises it where it is seen
+            self.failure = error
+
+    def _take_order(self) -> bool:
+        """Wait for something to do; False: the end."""
+        with self._changed:
+            self._at_work, self._cancel = None, ''
+            self._changed.wait_for(
+                lambda: self._order or self._save or self._forget or self._closing
+            )
+            if self._forget:
+                self._forget = False
+                self._refinement, self.status = Refinement(self.config), WorkerStatus()
+            self._at_work, self._order = self._order, None
+            return self._at_work is not None or self._save or not self._closing
+
+    def _carry_out(self) -> None:
+        if self._save:
+            self._write_state()
+        order = self._at_work
+        if order is None:
+            return
+        try:
+            self._sample(order)
+        except OgmError as error:
+            self._failed(str(error))
+        except MemoryError:
+            # The index may be half grown.
+            self._refinement = Refinement(self.config)
+            self._failed(f'no memory to sample {len(order.scans)} scans: expected more')
+
+    def _failed(self, text: str) -> None:
+        self.log(f'not refined: {text}')
+        self.status = self.status._replace(state='idle', stopped='error', error=text)
+
+    def _sample(self, order: _Order) -> None:
+        self.status = WorkerStatus('indexing', scans=len(order.scans))
+        refinement = self._refinement
+        self._take(order.scans)
+        assert refinement.sampler is not None
+        self.status = self.status._replace(
+            state='sampling',
+            rays=refinement.window.index.n_rays,
+            n_bytes=refinement.window.index.n_bytes + refinement.sampler.n_bytes,
+        )
+        next_map_at = time.monotonic()
+        for progress in refinement.run(order.stop, lambda: bool(self._cancel)):
+            self.status = self.status._replace(progress=progress)
+            if progress.reason:
+                break
+            if self._save:
+                self._write_state()
+            if time.monotonic() >= next_map_at:
+                self._hand_over(order, progress, final=False)
+                next_map_at = time.monotonic() + self.map_every_s
+        self._end(order, progress)
+
+    def _take(self, scans: Sequence[PlacedScan]) -> None:
+        refinement = self._refinement
+        if refinement.holds(scans):
+            return  # the chains go on and what they counted stays
+        fresh = refinement.sampler is None
+        refinement.take(scans)
+        if fresh and self.state_file is not None and self.state_file.exists():
+            try:
+                refinement.resume(self.state_file)
+            except WindowError as error:
+                self.log(f'starts anew: {error}')
+            else:
+                self.log(f'goes on from {self.state_file}')
+
+    def _end(self, order: _Order, progress: Progress) -> None:
+        reason = (self._cancel or 'stopped') if progress.reason == 'cancelled' else progress.reason
+        self._hand_over(order, progress, final=True)
+        if self.state_file is not None and reason not in ('cleared', 'refined again'):
+            self._write_state()
+        self.status = self.status._replace(state='idle', stopped=reason)
+
+    def _hand_over(self, order: _Order, progress: Progress, *, final: bool) -> None:
+        if progress.counted == 0 and self.result is not None:
+            return  # a map from before is better than the first sweeps of new chains
+        grid_map = self._refinement.map()
+        with self._changed:
+            if self._forget:
+                return
+            self._handed_over += 1
+            self.result = RefinedMap(
+                self._handed_over,
+                grid_map,
+                self._refinement.prior,
+                self._refinement.draws,
+                len(order.scans),
+                order.scans[-1].scan.stamp_ns,
+                final,
+            )
+
+    def _write_state(self) -> None:
+        self._save = False
+        if self.state_file is None or self._refinement.sampler is None:
+            return
+        try:
+            self._refinement.save(self.state_file)
+        except OgmError as error:
+            self.log(f'state not saved: {error}')
+            self.status = self.status._replace(error=str(error))

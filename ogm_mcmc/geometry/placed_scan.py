@@ -1,0 +1,50 @@
+"""A scan and what is believed of the pose its sensor had: what every mapper and judge takes.
+
+There are two doors: a node's intake and the reader of bags. Both know where the robot was and
+how the sensor sits on it, and call `PlacedScan.on_robot`; nothing downstream knows of mounts.
+The simulator makes placed scans of its own, whose sensor sits at the robot's origin.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from ogm_mcmc.geometry.pose import Pose2D, PoseBelief
+from ogm_mcmc.geometry.scan import Scan
+
+__all__ = ['PlacedScan', 'SensorMount']
+
+
+@dataclass(frozen=True, slots=True)
+class SensorMount:
+    """Where the sensor sits on the robot; upside down means its bearings run clockwise."""
+
+    pose: Pose2D = Pose2D()  # noqa: RUF009 - frozen
+    upside_down: bool = False
+
+
+class PlacedScan(NamedTuple):
+    """An upright scan and the belief about the pose of its sensor in the map, at its stamp."""
+
+    scan: Scan
+    belief: PoseBelief
+
+    @property
+    def pose(self) -> Pose2D:
+        """The mean of the belief."""
+        return self.belief.mean
+
+    @classmethod
+    def at(cls, scan: Scan, pose: Pose2D) -> PlacedScan:
+        """Place a scan whose sensor's pose is known."""
+        return cls(scan, PoseBelief(pose))
+
+    @classmethod
+    def on_robot(
+        cls, scan: Scan, robot: PoseBelief, mount: SensorMount | None = None
+    ) -> PlacedScan:
+        """Place a scan by the belief about the robot and where the sensor sits on it."""
+        if mount is None or mount == SensorMount():
+            return cls(scan, robot)
+        return cls(scan.flipped() if mount.upside_down else scan, robot.moved(mount.pose))

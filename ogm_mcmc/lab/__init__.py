@@ -1,0 +1,1 @@
+"""Experiments, benchmarks and work on clusters: the product never imports this."""

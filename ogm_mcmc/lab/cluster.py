@@ -1,0 +1,306 @@
+"""Work on other machines: a Dask cluster in the place of local processes.
+
+Design note: what a lost machine costs
+--------------------------------------
+Context. Data sets and chains are independent, and machines fail. Work that lives in a worker's
+memory would be lost with it.
+
+Decision. Nothing lives there. A task is a function of its arguments alone: a data set's settings,
+or where a chain stands (`ChainState`: its map, counts and random generator) and how many sweeps to
+do. Dask gives the task of a lost worker to another one, which finds what the first would have
+found, bit for bit. What a worker keeps is the ray index of the last window, built from the scans
+when the first chain comes by; another worker builds it again. Between rounds the chains stand
+where the command runs, so R-hat is of all chains, and an interrupted run can be saved.
+
+Consequence. Every round ships a chain's counts both ways (32 bytes per sampled cell), so rounds
+last seconds, not tenths. The result is that of local chains with the same seed.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import copy
+import hashlib
+import pickle
+import tempfile
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import CancelledError, Executor
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ogm_mcmc import __version__
+from ogm_mcmc.arrays import UInt8Array
+from ogm_mcmc.config import SamplerConfig, StopConfig
+from ogm_mcmc.engine.refinement import Progress, Refinement
+from ogm_mcmc.errors import ClusterError, ConfigError, WindowError
+from ogm_mcmc.geometry import PlacedScan
+from ogm_mcmc.sampling import PosteriorModel, PosteriorSampler
+from ogm_mcmc.sampling.diagnostics import BatchCounts
+
+__all__ = ['ChainState', 'advance_chain', 'connected', 'distribute', 'sample_chains']
+
+ANSWER_S = 10.0
+WORKERS_S = 30.0
+
+LAST_PORT = 65535
+EXPECTED = 'expected the address of a Dask scheduler, such as tcp://host:8786'
+
+# A task may be lost with so many workers before it is to blame itself.
+RETRIES = 3
+
+
+@contextmanager
+def connected(address: str) -> Iterator[Executor | None]:
+    """Give the workers of a Dask scheduler as an executor; None without an address.
+
+    Raises ConfigError where `distributed` is not installed, and ClusterError when the scheduler
+    does not answer, has no workers, they run another version, or tasks were lost for good.
+    """
+    if not address:
+        yield None
+        return
+    try:
+        from distributed import Client, KilledWorker
+        from distributed.comm import CommClosedError
+    except ImportError as error:
+        raise ConfigError(
+            f'--scheduler needs distributed ({error}): pip install "ogm_mcmc[cluster]"'
+        ) from error
+    _check_address(address)
+    try:
+        client = Client(address, timeout=ANSWER_S, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise ClusterError(f'scheduler {address}: no answer; {EXPECTED}') from error
+    try:
+        _check_workers(client, address)
+        executor = client.get_executor(pure=False, retries=RETRIES)
+        yield executor
+    except KilledWorker as error:
+        raise ClusterError(
+            f'scheduler {address}: a task was lost with every worker that tried it '
+            '(out of memory?)'
+        ) from error
+    except (CancelledError, CommClosedError) as error:
+        raise ClusterError(
+            f'scheduler {address}: lost; expected it to run until the end'
+        ) from error
+    finally:
+        client.close()
+
+
+def _check_address(address: str) -> None:
+    """Raise ClusterError unless a scheduler answers.
+
+    Only then is a Client made: one that fails to connect may hang when it is thrown away.
+    """
+    from distributed.comm import get_address_host_port
+
+    try:
+        _, port = get_address_host_port(address)
+        if not 0 < port <= LAST_PORT:
+            raise ValueError(port)
+    except (ImportError, ValueError) as error:
+        raise ClusterError(f'scheduler {address}: {EXPECTED}') from error
+    try:
+        found = asyncio.run(_who_answers(address))
+    except OSError as error:
+        raise ClusterError(f'scheduler {address}: no answer; {EXPECTED}') from error
+    except (RuntimeError, TypeError) as error:
+        # An encrypted connection without certificates, or a plain one where that is forbidden.
+        reason = ' '.join(str(error).split())
+        raise ClusterError(
+            f"scheduler {address}: {reason}; expected what distributed.comm of Dask's "
+            'configuration allows'
+        ) from error
+    if found != 'Scheduler':
+        raise ClusterError(f'scheduler {address}: is a {found}; {EXPECTED}')
+
+
+async def _who_answers(address: str) -> str:
+    """Return what kind of Dask server an address is of: Scheduler, Worker, Nanny."""
+    from distributed.comm import connect
+    from distributed.core import send_recv
+    from distributed.security import Security
+
+    settings = Security().get_connection_args('client')
+    comm = await connect(address, timeout=ANSWER_S, **settings)
+    try:
+        answer = await asyncio.wait_for(send_recv(comm, op='identity'), ANSWER_S)
+        return str(answer['type'])
+    finally:
+        comm.abort()
+
+
+def _check_workers(client: Any, address: str) -> None:
+    try:
+        client.wait_for_workers(1, timeout=WORKERS_S)
+    except TimeoutError as error:
+        raise ClusterError(f'scheduler {address}: no workers; expected at least one') from error
+    try:
+        versions = set(client.run(_version).values())
+    except ImportError as error:
+        raise ClusterError(
+            f'scheduler {address}: a worker lacks {error.name}: expected ogm_mcmc on all'
+        ) from error
+    if versions != {__version__}:
+        raise ClusterError(
+            f'scheduler {address}: workers run ogm_mcmc {", ".join(sorted(versions))}: '
+            f'expected {__version__}'
+        )
+
+
+def _version() -> str:
+    return __version__
+
+
+class ChainState(NamedTuple):
+    """Where a chain stands: its map as bits (K / 8,), counts, generator, sweeps done."""
+
+    cells: UInt8Array
+    counts: BatchCounts
+    rng: np.random.Generator
+    sweeps: int
+
+
+class Problem(NamedTuple):
+    """What a worker builds a model from: `content` pickled, `token` its digest.
+
+    `n_rays` and `n_cells` are those of the window at home.
+    """
+
+    content: bytes
+    token: str
+    n_rays: int
+    n_cells: int
+
+
+def sample_chains(
+    refinement: Refinement,
+    scans: Sequence[PlacedScan],
+    stop: StopConfig,
+    executor: Executor,
+    cancelled: Callable[[], bool] = lambda: False,
+) -> Iterator[Progress]:
+    """Do what `refinement.run` does with every chain on a worker of its own; see `distribute`."""
+    distribute(refinement, scans, executor)
+    return refinement.run(stop, cancelled)
+
+
+def distribute(refinement: Refinement, scans: Sequence[PlacedScan], executor: Executor) -> None:
+    """Let the chains of a refinement be advanced by an executor from now on.
+
+    `scans` are those that the refinement took. Counts come back after every round: R-hat, map
+    and state of the refinement are of all chains. New scans end it: `take` makes local chains.
+    """
+    here = refinement.sampler
+    if here is None:
+        raise WindowError('no scan was taken: nothing to sample')
+    problem = _problem(refinement.config, scans, here.model)
+    refinement.sampler = _DistantSampler(here, problem, executor)
+
+
+class _DistantSampler(PosteriorSampler):
+    """Chains that stand here between rounds and are advanced elsewhere."""
+
+    round_s = 5.0
+
+    def __init__(self, here: PosteriorSampler, problem: Problem, executor: Executor) -> None:
+        super().__init__(here.model, [], seed=0, burn_in=here.burn_in)
+        self.rngs, self.states, self.counts = here.rngs, here.states, here.counts
+        self.sweeps = here.sweeps
+        self._problem, self._executor = problem, executor
+
+    def advance(self, n_sweeps: int) -> int:
+        """Do so many sweeps in every chain; return the number of flips in all."""
+        futures = [
+            self._executor.submit(
+                advance_chain, self._problem, self._chain(j), self.burn_in, n_sweeps
+            )
+            for j in range(len(self.states))
+        ]
+        try:
+            results = [future.result() for future in futures]
+        finally:
+            for future in futures:
+                future.cancel()
+        for j, (chain, _) in enumerate(results):
+            cells = np.unpackbits(chain.cells, count=self.model.n_cells)
+            self.states[j] = self.model.start(cells)
+            self.counts[j], self.rngs[j] = chain.counts, chain.rng
+        self.sweeps += n_sweeps
+        return sum(flips for _, flips in results)
+
+    def _chain(self, j: int) -> ChainState:
+        cells = np.packbits(self.states[j].cells)
+        return ChainState(cells, self.counts[j], self.rngs[j], self.sweeps)
+
+
+def advance_chain(
+    problem: Problem, chain: ChainState, burn_in: int, n_sweeps: int
+) -> tuple[ChainState, int]:
+    """Return where a chain stands after so many sweeps more, and the number of flips."""
+    model = _model_of(problem)
+    sampler = PosteriorSampler(model, [], seed=0, burn_in=burn_in)
+    sampler.sweeps = chain.sweeps
+    sampler.states = [model.start(np.unpackbits(chain.cells, count=model.n_cells))]
+    # Should this be done again, it has to begin at the same.
+    sampler.counts, sampler.rngs = [copy.deepcopy(chain.counts)], [copy.deepcopy(chain.rng)]
+    flips = sampler.advance(n_sweeps)
+    cells = np.packbits(sampler.states[0].cells)
+    return ChainState(cells, sampler.counts[0], sampler.rngs[0], sampler.sweeps), flips
+
+
+def _problem(config: SamplerConfig, scans: Sequence[PlacedScan], model: PosteriorModel) -> Problem:
+    # Nothing is sampled from what is believed of a pose beyond its mean.
+    plain = [PlacedScan.at(one.scan, one.pose) for one in scans]
+    file = config.patch.prior_file
+    prior = Path(file).expanduser().read_bytes() if file else None
+    content = pickle.dumps((config, plain, prior))
+    token = hashlib.sha256(content).hexdigest()
+    return Problem(content, token, model.index.n_rays, model.n_cells)
+
+
+_lock = threading.Lock()
+_models: dict[str, PosteriorModel] = {}
+
+
+def _model_of(problem: Problem) -> PosteriorModel:
+    """Return the model of a problem, built when it is first asked for in this process."""
+    with _lock:
+        model = _models.get(problem.token)
+        if model is None:
+            _models.clear()
+            model = _models[problem.token] = _built(problem)
+    return model
+
+
+def _built(problem: Problem) -> PosteriorModel:
+    config, scans, prior = pickle.loads(problem.content)
+    if prior is None:
+        sampler = _taken(config, scans)
+    else:
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder) / 'prior.npz'
+            file.write_bytes(prior)
+            sampler = _taken(
+                replace(config, patch=replace(config.patch, prior_file=str(file))), scans
+            )
+    found = sampler.model.index.n_rays, sampler.model.n_cells
+    if found != (problem.n_rays, problem.n_cells):
+        raise WindowError(
+            f'{found[0]} rays in {found[1]} cells on a worker: expected the '
+            f'{problem.n_rays} in {problem.n_cells} of the window at home'
+        )
+    return sampler.model
+
+
+def _taken(config: SamplerConfig, scans: Sequence[PlacedScan]) -> PosteriorSampler:
+    refinement = Refinement(config)
+    refinement.take(scans)
+    assert refinement.sampler is not None
+    return refinement.sampler

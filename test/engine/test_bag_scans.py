@@ -1,0 +1,229 @@
+"""Small bags made here, read as the offline commands read them."""
+
+import math
+
+import numpy as np
+import pytest
+
+from ogm_mcmc.engine.bag_scans import PlacedScans, StreamChoice, choose_topics
+from ogm_mcmc.errors import BagError
+from ogm_mcmc.geometry import Pose2D
+from ogm_mcmc.io import ros_types
+from ogm_mcmc.io.bags import BagReader
+
+SECOND = 1_000_000_000
+TENTH = SECOND // 10
+STAMPS = [20 * SECOND + k * TENTH for k in range(6)]
+
+
+@pytest.fixture
+def place(write_bag):
+    """Write (topic, time, message) records, place the scans: (placed, placer)."""
+
+    def run(records, choice=None, kind='mcap', on_scan=lambda: None):
+        choice = choice or StreamChoice()
+        with BagReader(write_bag(records, kind)) as bag:
+            stream = PlacedScans(bag, choose_topics(bag, choice), choice, on_scan)
+            return list(stream), stream.placer
+
+    return run
+
+
+@pytest.fixture
+def good(make_scan, make_pose):
+    """Six scans, each with its pose at the same stamp."""
+    records = []
+    for k, stamp in enumerate(STAMPS):
+        pose = make_pose(stamp, x=0.5 * k, y=1.0, yaw=0.1 * k, variances=(0.5, 0.25, 0.125))
+        records += [('/pose', stamp, pose), ('/scan', stamp, make_scan(stamp, ranges=[k] * 5))]
+    return records
+
+
+@pytest.mark.parametrize('kind', ['mcap', 'sqlite3', 'ros1'])
+def test_good_bag(place, good, kind):
+    calls = []
+    placed, placer = place(good, kind=kind, on_scan=lambda: calls.append(1))
+    assert [placement.scan.stamp_ns for placement in placed] == STAMPS
+    assert [placement.scan.ranges_m[0] for placement in placed] == [0, 1, 2, 3, 4, 5]
+    for k, (scan, belief) in enumerate(placed):
+        assert (scan.angle_min_rad, scan.angle_increment_rad) == (-1.0, 0.5)
+        assert (scan.range_max_m, scan.frame_id) == (10.0, 'laser')
+        assert (belief.mean.x_m, belief.mean.y_m) == (0.5 * k, 1.0)
+        assert belief.mean.yaw_rad == pytest.approx(0.1 * k)
+        assert belief.covariance == pytest.approx(np.diag([0.5, 0.25, 0.125]))
+        assert belief.particles is None
+    assert len(calls) == 6
+    assert not placer.dropped
+    assert len(placer) == 0
+
+
+def test_choose_topics(write_bag, good, make_scan, make_pose):
+    records = [
+        *good,
+        ('/amcl/pose', 1, make_pose(1, frame='/world')),
+        ('/rear', 2, make_scan(2, frame='/rear_laser')),
+        ('/zcloud', 3, ros_types.pose_array(3, 'cloud_map', np.zeros((2, 3)))),
+        ('/odom', 4, ros_types.odometry(4, Pose2D(), 0.0, 0.0)),
+    ]
+    with BagReader(write_bag(records)) as bag:
+
+        def chosen(**choice):
+            topics = choose_topics(bag, StreamChoice(**choice))
+            return topics.scan.name, topics.pose.name, topics.map_frame, topics.scan_frame
+
+        assert chosen() == ('/rear', '/amcl/pose', 'world', 'rear_laser')
+        assert chosen(scan_topic='scan', pose_topic='/pose') == ('/scan', '/pose', 'map', 'laser')
+        assert chosen(pose_topic='odom')[1:3] == ('/odom', 'odom')
+        assert chosen(pose_source='particles')[1:3] == ('/zcloud', 'cloud_map')
+        with pytest.raises(BagError, match=r'/odom has type .* .*PoseArray or .*ParticleCloud'):
+            chosen(pose_source='particles', pose_topic='/odom')
+        with pytest.raises(BagError, match='no scans in it on /front'):
+            chosen(scan_topic='/front')
+
+
+def test_bag_without_scans(place, good):
+    with pytest.raises(BagError, match=r'no scans in it: expected sensor_msgs.*holds /pose'):
+        place([record for record in good if record[0] == '/pose'])
+
+
+def test_bag_without_poses(place, good):
+    with pytest.raises(BagError, match=r'no poses in it: expected .*holds /scan'):
+        place([record for record in good if record[0] == '/scan'])
+
+
+def changed(path, value):
+    """Return what sets a field of a message, given as a dotted path."""
+
+    def change(message):
+        *parents, name = path.split('.')
+        for parent in parents:
+            message = getattr(message, parent)
+        setattr(message, name, value)
+
+    return change
+
+
+def covariance(*entries):
+    full = np.diag([0.5, 0.5, 0.0, 0.0, 0.0, 0.5])
+    for row, column, value in entries:
+        full[row, column] = value
+    return changed('pose.covariance', full.reshape(36))
+
+
+FAULTS = {
+    'no beams': ('/scan', changed('ranges', np.zeros(0, np.float32)), 'at least one beam'),
+    'frame of scan': ('/scan', changed('header.frame_id', 'rear'), "frame_id is 'rear'"),
+    'no increment': ('/scan', changed('angle_increment', 0.0), 'angle_increment is 0'),
+    'wrong sign': ('/scan', changed('angle_increment', -0.5), 'wrong sign'),
+    'nan increment': ('/scan', changed('angle_increment', math.nan), 'finite'),
+    'too many': ('/scan', changed('ranges', np.ones(9, np.float32)), 'ranges: 9 of them'),
+    'too few': ('/scan', changed('ranges', np.ones(2, np.float32)), 'ranges: 2 of them'),
+    'nan angle_max': ('/scan', changed('angle_max', math.nan), 'angle_max is nan'),
+    'limits': ('/scan', changed('range_min', 11.0), 'range_min 11'),
+    'endless': ('/scan', changed('range_max', math.inf), 'both finite'),
+    'nan pose': ('/pose', changed('pose.pose.position.x', math.nan), 'finite'),
+    'inf pose': ('/pose', changed('pose.pose.position.y', -math.inf), 'finite'),
+    'nan heading': ('/pose', changed('pose.pose.orientation.w', math.nan), 'finite'),
+    'no heading': ('/pose', changed('pose.pose.orientation.w', 0.0), 'unit length'),
+    'tilted': ('/pose', changed('pose.pose.orientation.x', 0.7071), 'expected'),
+    'frame of pose': ('/pose', changed('header.frame_id', 'odom'), "frame_id is 'odom'"),
+    'negative variance': ('/pose', covariance((1, 1, -0.01)), 'positive semi-definite'),
+    'too correlated': ('/pose', covariance((0, 1, 0.6), (1, 0, 0.6)), 'positive semi-definite'),
+    'lopsided': ('/pose', covariance((0, 5, 0.2)), 'symmetric'),
+    'nan covariance': ('/pose', covariance((5, 5, math.nan)), 'finite'),
+}
+
+
+@pytest.mark.parametrize(('topic', 'change', 'reason'), FAULTS.values(), ids=FAULTS)
+def test_fault_in_the_middle(write_bag, good, topic, change, reason):
+    """The fourth message of a topic is at fault: the scans before it come, then the reason."""
+    at_fault = next(r for r in good if r[:2] == (topic, STAMPS[3]))
+    change(at_fault[2])
+    placed, choice = [], StreamChoice()
+    path = write_bag(good)
+    with BagReader(path) as bag:
+        stream = PlacedScans(bag, choose_topics(bag, choice), choice)
+        with pytest.raises(BagError) as caught:
+            placed.extend(stream)
+    message = str(caught.value)
+    assert f'{path}: {topic} at 20.300 s: ' in message
+    assert reason in message
+    assert '\n' not in message
+    assert [placement.scan.stamp_ns for placement in placed] == STAMPS[:3]
+
+
+def test_poses_at_half_the_rate(place, make_scan, make_pose):
+    """Between two poses the mean lies halfway, the heading the short way round."""
+    records = [('/scan', stamp, make_scan(stamp)) for stamp in STAMPS[:5]]
+    for k, yaw in enumerate([3.0, -3.0, -2.0]):
+        stamp = STAMPS[2 * k]
+        pose = make_pose(stamp, x=2.0 * k, y=-k, yaw=yaw, variances=(0.1 + 0.2 * k, 0.5, 0.0))
+        records.append(('/pose', stamp, pose))
+    placed, placer = place(records)
+    means = [belief.mean for _, belief in placed]
+    assert [mean.x_m for mean in means] == pytest.approx([0, 1, 2, 3, 4])
+    assert [mean.y_m for mean in means] == pytest.approx([0, -0.5, -1, -1.5, -2])
+    turned = [mean.yaw_rad % (2 * math.pi) for mean in means]
+    full = 2 * math.pi
+    assert turned == pytest.approx([3.0, math.pi, full - 3.0, full - 2.5, full - 2.0])
+    variances = [belief.covariance[0, 0] for _, belief in placed]
+    assert variances == pytest.approx([0.1, 0.2, 0.3, 0.4, 0.5])
+    assert not placer.dropped
+
+
+def test_scans_outside_the_poses_are_counted(place, make_scan, make_pose):
+    records = [('/scan', stamp, make_scan(stamp)) for stamp in STAMPS]
+    records += [('/pose', stamp, make_pose(stamp)) for stamp in (STAMPS[1], STAMPS[3])]
+    placed, placer = place(records)
+    assert [placement.scan.stamp_ns for placement in placed] == STAMPS[1:4]
+    assert placer.dropped == {'scan_before_poses': 1, 'pose_timeout': 2}
+
+
+@pytest.mark.parametrize(('max_gap_s', 'kept'), [(2.5, [1, 2, 5]), (3.0, [1, 2, 3, 4, 5])])
+def test_gap_between_poses(place, make_scan, make_pose, max_gap_s, kept):
+    """Poses at 1, 2 and 5 s."""
+    records = [('/scan', k * SECOND, make_scan(k * SECOND)) for k in range(1, 6)]
+    records += [('/pose', k * SECOND, make_pose(k * SECOND)) for k in (1, 2, 5)]
+    placed, placer = place(records, StreamChoice(max_pose_gap_s=max_gap_s))
+    assert [placement.scan.stamp_ns for placement in placed] == [k * SECOND for k in kept]
+    assert placer.dropped == ({'pose_gap': 2} if len(kept) == 3 else {})
+
+
+def test_poses_recorded_long_after_their_scans(place, make_scan, make_pose):
+    """In a file nothing comes late: the stamps in the headers count."""
+    records = [('/scan', stamp, make_scan(stamp)) for stamp in STAMPS]
+    records += [('/pose', stamp + 600 * SECOND, make_pose(stamp)) for stamp in STAMPS]
+    placed, placer = place(records)
+    assert [placement.scan.stamp_ns for placement in placed] == STAMPS
+    assert not placer.dropped
+
+
+def test_scans_out_of_order_are_counted(place, make_scan, make_pose):
+    headers = [STAMPS[k] for k in (0, 2, 1, 2, 3)]
+    records = [('/scan', time, make_scan(h)) for time, h in zip(STAMPS, headers, strict=False)]
+    records += [('/pose', stamp, make_pose(stamp)) for stamp in STAMPS]
+    placed, placer = place(records)
+    assert [placement.scan.stamp_ns for placement in placed] == [STAMPS[k] for k in (0, 2, 3)]
+    assert placer.dropped == {'scan_out_of_order': 2}
+
+
+def test_particles(place, make_scan):
+    poses = np.array([[1.0, 2.0, 0.25], [3.0, 2.0, 0.75]])
+    records = []
+    for stamp in STAMPS:
+        records.append(('/particles', stamp, ros_types.pose_array(stamp, 'map', poses)))
+        records.append(('/scan', stamp, make_scan(stamp)))
+    placed, _ = place(records, StreamChoice(pose_source='particles'))
+    assert len(placed) == 6
+    for _, belief in placed:
+        assert belief.particles.poses == pytest.approx(poses)
+        assert belief.particles.weights.tolist() == [0.5, 0.5]
+        assert (belief.mean.x_m, belief.mean.y_m) == pytest.approx((2.0, 2.0))
+        assert belief.mean.yaw_rad == pytest.approx(0.5)
+
+
+def test_no_particles_in_a_message(place, good):
+    empty = ros_types.pose_array(STAMPS[2], 'map', np.zeros((0, 3)))
+    records = [*good, ('/particles', STAMPS[2], empty)]
+    with pytest.raises(BagError, match=r'/particles at 20\.200 s: particles: expected at least'):
+        place(records, StreamChoice(pose_source='particles'))

@@ -1,0 +1,378 @@
+"""Scans in, posterior mean out: what is taken, what is refused, when it stops."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+from support.strategies import fan
+
+from ogm_mcmc.config import (
+    ChainConfig,
+    ForwardModelConfig,
+    RecordingConfig,
+    SamplerConfig,
+    StopConfig,
+    WindowConfig,
+)
+from ogm_mcmc.engine.refinement import Recording, Refinement, hide_uncertain, live_map
+from ogm_mcmc.errors import ConfigError, GridError, WindowError
+from ogm_mcmc.exact import enumerate_maps
+from ogm_mcmc.geometry import GridMap, GridSpec, PlacedScan, Pose2D, PoseBelief
+from ogm_mcmc.sampling import PosteriorSampler, RayWindow
+
+approx = pytest.approx
+
+S = 1_000_000_000
+
+
+def scan_at(x, y, *ranges, yaw=0.0, stamp_ns=0):
+    scan = fan(*ranges, bearing=-1.0, increment=0.5, range_max_m=4.0, stamp_ns=stamp_ns)
+    return PlacedScan(scan, PoseBelief(Pose2D(x, y, yaw)))
+
+
+FIRST = scan_at(0.13, 0.22, 1.1, 1.6, 2.3, math.inf)
+SECOND = scan_at(0.63, -0.42, 1.0, math.inf, 1.3, yaw=1.2)
+THIRD = scan_at(-2.3, 1.4, 2.1, 2.2, 1.9, yaw=-2.0)
+NOTHING = scan_at(50.0, 50.0, math.nan, -1.0, 0.0)
+
+
+def settings(window=None, model=None, **chain):
+    return SamplerConfig(
+        model=ForwardModelConfig(**{'sigma': 0.3, 'clutter': 0.2, **(model or {})}),
+        window=WindowConfig(**{'resolution': 0.5, **(window or {})}),
+        chain=ChainConfig(**{'burn_in': 10, **chain}),
+    )
+
+
+def taken(*scans, start=None, **changes):
+    refinement = Refinement(settings(**changes))
+    refinement.take(list(scans), start)
+    return refinement
+
+
+def run(refinement, **stop):
+    return list(refinement.run(StopConfig(**{'max_time': 60.0, 'r_hat': 0.0, **stop})))
+
+
+def maps(refinement):
+    """Every chain's map as the set of occupied lattice cells."""
+    spec = refinement.window.spec
+    found = []
+    for state in refinement.sampler.states:
+        rows, columns = np.nonzero(state.cells.reshape(spec.height, spec.width))
+        found.append(set(zip(columns + spec.column0, rows + spec.row0, strict=True)))
+    return found
+
+
+def lattice_map(values, column0=0, row0=0, **spec):
+    probability = np.array(values, np.float32)
+    height, width = probability.shape
+    where = {'width': width, 'height': height, 'column0': column0, 'row0': row0}
+    return GridMap(GridSpec(**{'resolution_m': 0.5, **where, **spec}), probability)
+
+
+# -- scans in -------------------------------------------------------------------------------------
+
+
+def test_rays_of_all_scans_are_counted():
+    refinement = Refinement(settings())
+    assert refinement.take([FIRST]) == 4
+    assert refinement.take([FIRST, SECOND]) == 7
+    assert refinement.take([FIRST, SECOND, NOTHING]) == 7
+    assert refinement.take([SECOND]) == 3
+
+
+def test_scans_that_came_in_extend_the_window():
+    """The same posterior as of all scans at once, with the old rays left where they are."""
+    refinement = taken(FIRST)
+    window = refinement.window
+    refinement.take([FIRST, SECOND, THIRD])
+    assert refinement.window is window
+    whole = taken(FIRST, SECOND, THIRD).window
+    assert window.spec == whole.spec
+    for name in ('cell_start', 'pairs', 'positions', 'ray_likelihood', 'nothing'):
+        assert np.array_equal(getattr(window.index, name), getattr(whole.index, name)), name
+
+
+def test_scans_that_went_build_the_window_anew():
+    refinement = taken(FIRST, SECOND)
+    refinement.take([SECOND, THIRD])
+    assert refinement.window.spec == taken(SECOND, THIRD).window.spec
+    assert refinement.window.index.n_rays == 6
+
+
+@pytest.mark.parametrize('scans', [[FIRST, SECOND, THIRD], [THIRD, FIRST]])
+def test_a_warm_start_begins_with_the_last_maps(scans):
+    refinement = taken(FIRST)
+    run(refinement, max_sweeps=40)
+    before = maps(refinement)
+    assert before[0] != before[1] or before[0]
+    refinement.take(scans)
+    assert refinement.sampler.sweeps == 0
+    spec = refinement.window.spec
+    touched = {
+        (k % spec.width + spec.column0, k // spec.width + spec.row0)
+        for k in refinement.sampler.model.touched.tolist()
+    }
+    assert maps(refinement) == [cells & touched for cells in before]
+
+
+def test_taking_the_same_again_draws_other_numbers():
+    """Else every round would follow the last one's path, and what it adds would be nothing."""
+    refinement = taken(FIRST, SECOND)
+    runs = []
+    for _ in range(3):
+        refinement.sampler.states = [
+            refinement.sampler.model.start(np.zeros(refinement.sampler.model.n_cells, np.uint8))
+            for _ in refinement.sampler.states
+        ]
+        refinement.sampler.advance(30)
+        runs.append(refinement.sampler.estimate().mean.tolist())
+        refinement.take([FIRST, SECOND])
+    assert runs[0] != runs[1]
+    assert runs[1] != runs[2]
+    assert runs[0] != runs[2]
+
+
+def test_nothing_to_sample_is_refused():
+    refinement = Refinement(settings())
+    with pytest.raises(WindowError, match='no scan was recorded: expected at least one'):
+        refinement.take([])
+    with pytest.raises(WindowError, match='no beam of 2 scans says anything: nothing to sample'):
+        refinement.take([NOTHING, NOTHING])
+    with pytest.raises(WindowError, match='no scan was taken: nothing to sample'):
+        run(refinement)
+    with pytest.raises(WindowError, match='nothing was sampled yet: no map'):
+        refinement.map()
+    assert refinement.take([NOTHING, FIRST]) == 4
+
+
+@pytest.mark.parametrize('extends', [True, False])
+def test_too_much_is_refused_and_sampling_can_go_on(extends):
+    far = scan_at(4000.0, 4000.0, 1.0, 2.0)  # a window of many cells
+    refinement = taken(FIRST, window={'max_memory_mb': 1.0})
+    run(refinement, max_sweeps=30)
+    before = refinement.window.index, refinement.sampler, refinement.window.spec
+    arrays = [array.copy() for array in refinement.window.index]
+    mean = refinement.map().probability.copy()
+    with pytest.raises(WindowError, match='expected at most max_memory_mb = 1'):
+        refinement.take([FIRST, far] if extends else [SECOND, far])
+    assert (refinement.window.index, refinement.sampler, refinement.window.spec) == before
+    for a, b in zip(arrays, refinement.window.index, strict=True):
+        assert np.array_equal(a, b)
+    assert np.array_equal(refinement.map().probability, mean, equal_nan=True)
+    run(refinement, max_sweeps=30)
+    assert refinement.take([FIRST, SECOND]) == 7
+
+
+# -- starts ---------------------------------------------------------------------------------------
+
+
+def test_a_start_map_is_thresholded_where_it_lies():
+    """A map of other bounds on the same lattice, nan in it."""
+    grid = lattice_map([[0.9, 0.4], [math.nan, 0.6]], column0=1, row0=0)
+    refinement = taken(FIRST, start=grid, start_threshold=0.6, prior=0.1)
+    spec = refinement.window.spec
+    sampled = {
+        (k % spec.width + spec.column0, k // spec.width + spec.row0)
+        for k in refinement.sampler.model.touched.tolist()
+    }
+    for cells in maps(refinement):
+        # float32(0.6) is above 0.6.
+        assert cells == {(1, 0), (2, 1)} & sampled
+    assert {(1, 0)} <= sampled
+
+
+@pytest.mark.parametrize(
+    'other', [{'resolution_m': 0.25}, {'anchor_x_m': 0.1}, {'anchor_y_m': -0.25}]
+)
+@pytest.mark.parametrize('warm', [False, True])
+def test_a_start_map_of_another_lattice_is_refused_before_anything_changes(other, warm):
+    refinement = Refinement(settings())
+    if warm:
+        refinement.take([FIRST])
+    before = refinement.window, refinement.window.index, refinement.sampler
+    with pytest.raises(GridError, match=r'start map with cells of .* expected 0.5 m at'):
+        refinement.take([FIRST, SECOND], lattice_map([[0.5]], **other))
+    assert (refinement.window, refinement.window.index, refinement.sampler) == before
+    assert refinement.settings()['scans'] == (1 if warm else 0)
+    assert refinement.take([FIRST, SECOND]) == 7
+
+
+def test_a_start_map_is_where_chains_begin_that_were_elsewhere():
+    """Whoever names a start means it; the numbers drawn are new ones all the same."""
+    refinement = taken(FIRST)
+    first = refinement.sampler.rngs[0].bit_generator.state
+    run(refinement, max_sweeps=40)
+    before = maps(refinement)
+    refinement.take([FIRST, SECOND], lattice_map([[0.0, 0.9]]))
+    assert maps(refinement) == [{(1, 0)}] * 2
+    assert before != [{(1, 0)}] * 2
+    assert refinement.sampler.rngs[0].bit_generator.state != first
+    assert refinement.sampler.sweeps == 0
+
+
+def test_chains_start_from_the_live_map():
+    grid = live_map([FIRST, SECOND], settings().window)
+    rows, columns = np.nonzero(grid.probability >= 0.5)
+    expected = set(zip(columns + grid.spec.column0, rows + grid.spec.row0, strict=True))
+    assert len(expected) > 2
+    refinement = Refinement(settings(start='live', chains=3, prior=0.2))
+    refinement.take([FIRST, SECOND])
+    assert maps(refinement) == [expected] * 3
+
+
+# -- sampling -------------------------------------------------------------------------------------
+
+
+def test_the_same_seed_gives_the_same_map_however_long_rounds_take(monkeypatch):
+    found = []
+    for round_s in (0.0, 0.001, 10.0):
+        monkeypatch.setattr(PosteriorSampler, 'round_s', round_s)
+        refinement = taken(FIRST, SECOND)
+        assert run(refinement, max_sweeps=120)[-1].sweeps == 120
+        found.append(refinement.map().probability)
+    assert np.array_equal(found[0], found[1], equal_nan=True)
+    assert np.array_equal(found[0], found[2], equal_nan=True)
+    other = taken(FIRST, SECOND, seed=2)
+    run(other, max_sweeps=120)
+    assert not np.array_equal(other.map().probability, found[0], equal_nan=True)
+
+
+def test_the_map_is_that_of_the_exact_posterior():
+    """And nan where no ray ever came."""
+    scan = scan_at(0.13, 0.22, 1.1, 1.6)
+    config = settings(window={'resolution': 1.0}, model={'sigma': 0.8}, prior=0.3)
+    refinement = Refinement(config)
+    refinement.take([scan])
+    run(refinement, max_sweeps=3000)
+    window = RayWindow(config.window, config.model)
+    window.add([scan])
+    exact = enumerate_maps(window.index, config.chain.prior_log_odds)
+    found = refinement.map()
+    assert found.spec == window.spec
+    flat = found.probability.reshape(-1)
+    assert np.flatnonzero(~np.isnan(flat)).tolist() == exact.touched.tolist()
+    assert flat[exact.touched] == approx(exact.marginals, abs=0.05)
+    assert refinement.settings()['chain.prior'] == 0.3
+    assert refinement.settings()['scans'] == 1
+
+
+def test_sweeps_as_reason():
+    progress = run(taken(FIRST), max_sweeps=77)
+    last = progress[-1]
+    assert (last.reason, last.sweeps, last.counted) == ('sweeps', 77, 67)
+    assert [p.reason for p in progress[:-1]] == [''] * (len(progress) - 1)
+    assert sum(p.sweeps < 77 for p in progress) == len(progress) - 1
+
+
+def test_time_as_reason():
+    last = run(taken(FIRST), max_sweeps=10**9, max_time=0.3)[-1]
+    assert last.reason == 'time'
+    assert 0.3 <= last.seconds < 3.0
+    assert last.sweeps_per_s == approx(last.sweeps / last.seconds, rel=0.05)
+
+
+def test_cancelled_as_reason():
+    refinement = taken(FIRST)
+    asked = []
+
+    def cancelled():
+        asked.append(1)
+        return len(asked) == 3
+
+    progress = list(refinement.run(StopConfig(max_sweeps=10**9, r_hat=0.0), cancelled))
+    assert (progress[-1].reason, len(progress)) == ('cancelled', 3)
+    assert np.isfinite(refinement.map().probability).any()
+
+
+def test_converged_as_reason():
+    refinement = taken(FIRST, SECOND)
+    stop = StopConfig(max_sweeps=10**6, r_hat=1.05, agreeing_share=0.99)
+    last = list(refinement.run(stop))[-1]
+    assert last.reason == 'converged'
+    assert last.counted >= 64
+    assert last.agreeing_share >= 0.99
+    assert refinement.quality.agreeing_share(1.05) == last.agreeing_share
+    assert last.ess_median > 1.0
+    assert 0.0 < last.mcse_max < 0.5
+
+
+def test_limits_that_contradict_each_other_are_refused_at_once():
+    refinement = taken(FIRST, burn_in=100)
+    with pytest.raises(ConfigError, match=r'max_sweeps is 100: expected more than burn_in \(100'):
+        refinement.run(StopConfig(max_sweeps=100))
+    assert refinement.sampler.sweeps == 0
+    run(refinement, max_sweeps=101)
+    # The burn-in is over: what comes counts.
+    assert run(refinement, max_sweeps=5)[-1].counted == 6
+
+
+def test_progress_is_plain_json():
+    """Strictly so: a parser need not know of Infinity."""
+    progress = run(taken(FIRST, burn_in=2), max_sweeps=4)[-1]
+    assert progress.r_hat_p99 == math.inf  # not known yet
+    values = json.loads(json.dumps(progress.as_dict(), allow_nan=False))
+    assert values['r_hat_p99'] is None
+    assert values['sweeps'] == 4
+    assert values['reason'] == 'sweeps'
+
+
+# -- what is shown --------------------------------------------------------------------------------
+
+
+def test_cells_no_more_certain_than_the_prior_are_hidden():
+    grid = lattice_map([[0.2, 0.19, 0.81, 0.5, math.nan, 0.0, 0.14, 0.86]])
+    shown = hide_uncertain(grid, prior=0.2, margin=0.05).probability[0]
+    assert np.isnan(shown).tolist() == [True] * 5 + [False] * 3
+    assert shown[5:] == approx([0.0, 0.14, 0.86])
+    shown = hide_uncertain(grid, prior=0.8, margin=0.0).probability[0]
+    assert np.isnan(shown).tolist() == [True, False, False, True, True, False, False, False]
+
+
+# -- recording ------------------------------------------------------------------------------------
+
+
+def stamped(seconds, beams=2):
+    return scan_at(0.0, 0.0, *[1.0] * beams, stamp_ns=round(seconds * S))
+
+
+def recorded(scans, **limits):
+    recording = Recording(RecordingConfig(**limits))
+    for scan in scans:
+        recording.add(scan)
+    return recording
+
+
+def test_the_oldest_scans_go_when_there_are_too_many():
+    scans = [stamped(i) for i in range(5)]
+    recording = recorded(scans, max_scans=3)
+    assert recording.snapshot() == scans[2:]
+    assert (len(recording), recording.n_rays) == (3, 6)
+
+
+def test_the_oldest_scans_go_when_they_have_too_many_rays():
+    scans = [stamped(i, beams=3) for i in range(5)]
+    recording = recorded(scans, max_rays=7)
+    assert recording.snapshot() == scans[3:]
+    assert recording.n_rays == 6
+    # The newest is kept whatever its size.
+    large = stamped(9, beams=50)
+    recording.add(large)
+    assert recording.snapshot() == [large]
+
+
+def test_scans_that_are_too_old_go():
+    scans = [stamped(s) for s in (0.0, 1.0, 5.0, 10.0)]
+    assert recorded(scans, max_seconds=5.0).snapshot() == scans[2:]
+    assert recorded(scans, max_seconds=0.0).snapshot() == scans
+
+
+def test_a_snapshot_stays_as_it_is():
+    recording = recorded([FIRST])
+    snapshot = recording.snapshot()
+    recording.add(SECOND)
+    assert snapshot == [FIRST]
+    recording.clear()
+    assert (len(recording), recording.n_rays, recording.snapshot()) == (0, 0, [])

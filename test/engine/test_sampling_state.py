@@ -1,0 +1,172 @@
+"""Chains on disk: taken up again they draw what they would have drawn; others are refused."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.strategies import fan
+
+from ogm_mcmc.config import ChainConfig, PatchConfig, SamplerConfig, StopConfig, WindowConfig
+from ogm_mcmc.engine.recording import fingerprint
+from ogm_mcmc.engine.refinement import Refinement, hide_uncertain, warm_up
+from ogm_mcmc.errors import WindowError
+from ogm_mcmc.geometry import PlacedScan, Pose2D, PoseBelief
+
+CONFIG = SamplerConfig(window=WindowConfig(resolution=0.2), chain=ChainConfig(burn_in=20))
+
+
+def scans(count=4):
+    rng = np.random.default_rng(11)
+    return [
+        PlacedScan(
+            fan(*rng.uniform(0.5, 4.0, 12), increment=0.5, range_max_m=5.0, stamp_ns=i),
+            PoseBelief(Pose2D(0.3 * i + 0.05, 0.07, 0.2 * i)),
+        )
+        for i in range(count)
+    ]
+
+
+def taken(some, config=CONFIG):
+    refinement = Refinement(config)
+    refinement.take(some)
+    return refinement
+
+
+def sweep(refinement, count):
+    return list(refinement.run(StopConfig(max_sweeps=count, max_time=1e6, r_hat=0.0)))[-1]
+
+
+@pytest.mark.parametrize(
+    'patch',
+    [PatchConfig(), pytest.param(PatchConfig(size=9), marks=pytest.mark.jit)],
+    ids=['cells', 'patches'],
+)
+@pytest.mark.parametrize('before', [21, 70], ids=['just after the burn-in', 'later'])
+def test_goes_on_as_if_nothing_had_happened(tmp_path, patch, before):
+    """Scans that came by another way but say the same: equal maps, counts and judgement."""
+    config = replace(CONFIG, patch=patch)
+    whole = taken(scans(), config)
+    sweep(whole, before + 50)
+
+    first = taken(scans(), config)
+    sweep(first, before)
+    first.save(tmp_path / 'chains.npz')
+    second = taken(scans(), config)
+    second.resume(tmp_path / 'chains.npz')
+    assert second.sampler.sweeps == before
+    done = sweep(second, 50)
+
+    assert done.sweeps == before + 50
+    assert done.counted == before + 30
+    assert np.array_equal(whole.map().probability, second.map().probability, equal_nan=True)
+    for a, b in zip(whole.sampler.states, second.sampler.states, strict=True):
+        assert np.array_equal(a.cells, b.cells)
+    assert np.array_equal(whole.quality.r_hat, second.quality.r_hat)
+    # Nor does the first one mind that it was saved.
+    sweep(first, 50)
+    assert np.array_equal(whole.map().probability, first.map().probability, equal_nan=True)
+
+
+@pytest.mark.parametrize('started', [False, True], ids=['warm', 'from a map'])
+def test_scans_that_come_after_an_interruption_change_nothing_either(tmp_path, started):
+    """Taken twice, interrupted, taken a third time: what one process would have drawn."""
+    some = scans()
+    whole = taken(some[:2])
+    sweep(whole, 40)
+    whole.take(some[:3])
+    sweep(whole, 30)
+    whole.save(tmp_path / 'chains.npz')
+
+    second = taken(some[:3])
+    second.resume(tmp_path / 'chains.npz')
+    start = whole.map() if started else None
+    for refinement in (whole, second):
+        refinement.take(some, start)
+        assert refinement.sampler.sweeps == 0
+        sweep(refinement, 60)
+    assert np.array_equal(whole.map().probability, second.map().probability, equal_nan=True)
+    for a, b in zip(whole.sampler.states, second.sampler.states, strict=True):
+        assert np.array_equal(a.cells, b.cells)
+
+
+def test_what_was_sampled_otherwise_is_refused_and_changes_nothing(tmp_path):
+    path = tmp_path / 'chains.npz'
+    first = taken(scans())
+    sweep(first, 30)
+    first.save(path)
+    moved = [
+        PlacedScan(scan, PoseBelief(replace(belief.mean, yaw_rad=belief.mean.yaw_rad + 1e-12)))
+        for scan, belief in scans()
+    ]
+    others = {
+        'seed': taken(scans(), replace(CONFIG, chain=replace(CONFIG.chain, seed=2))),
+        'prior': taken(scans(), replace(CONFIG, chain=replace(CONFIG.chain, prior=0.2))),
+        'fingerprint': taken(moved),
+        'scans': taken(scans(3)),
+    }
+    for what, other in others.items():
+        before = other.sampler
+        with pytest.raises(WindowError, match=f'^{path}: .*{what}'):
+            other.resume(path)
+        assert other.sampler is before
+    with pytest.raises(WindowError, match='no scan was taken'):
+        Refinement(CONFIG).resume(path)
+    with pytest.raises(WindowError, match='nothing was sampled yet'):
+        Refinement(CONFIG).save(path)
+
+
+def test_fingerprint_knows_everything_that_decides_the_posterior():
+    base = scans(2)
+    scan, belief = base[1]
+    changes = [
+        PlacedScan(replace(scan, ranges_m=scan.ranges_m + np.float32(1e-6)), belief),
+        PlacedScan(replace(scan, angle_min_rad=scan.angle_min_rad + 1e-12), belief),
+        PlacedScan(replace(scan, angle_increment_rad=0.51), belief),
+        PlacedScan(replace(scan, range_min_m=0.1), belief),
+        PlacedScan(replace(scan, range_max_m=6.0), belief),
+        PlacedScan(scan, PoseBelief(replace(belief.mean, x_m=0.36))),
+        PlacedScan(scan, PoseBelief(replace(belief.mean, y_m=0.08))),
+    ]
+    digests = [fingerprint([base[0], changed]) for changed in (base[1], *changes)]
+    digests += [fingerprint(base[::-1]), fingerprint(base[:1])]
+    assert len(set(digests)) == len(digests)
+    # Names and times do not matter.
+    renamed = PlacedScan(replace(scan, stamp_ns=99, frame_id='other'), belief)
+    assert fingerprint([base[0], renamed]) == digests[0]
+
+
+def test_the_same_scans_are_known():
+    some, refinement = scans(), Refinement(CONFIG)
+    assert not refinement.holds([])
+    refinement.take(some)
+    assert refinement.holds(list(some))
+    assert not refinement.holds(some[:3])
+    assert not refinement.holds(scans())  # equal, but who compares all readings?
+
+
+@pytest.mark.parametrize('order', ['fixed', 'random', 'checkerboard'])
+def test_warm_up_runs_everything_once(order):
+    window = WindowConfig(resolution=0.05, beam_stride=7)
+    config = SamplerConfig(window=window, chain=ChainConfig(order=order, burn_in=3))
+    assert warm_up(config) == 4
+
+
+def test_what_chance_may_do_is_not_shown():
+    """100 draws of a cell with the prior 0.2: 0.08 to 0.32 says nothing, whatever the margin."""
+    refinement = taken(scans())
+    grid_map = refinement.map()
+    values = np.array([[0.0, 0.079, 0.081, 0.2, 0.319, 0.321, 0.8, 1.0, np.nan]], np.float32)
+    grid_map = grid_map._replace(probability=values)
+    nan = np.nan
+    cases = {
+        (-0.5, 100): [0.0, 0.079, nan, nan, nan, 0.321, 0.8, 1.0, nan],
+        (0.05, 100): [0.0, 0.079, nan, nan, nan, nan, nan, 1.0, nan],
+        (0.05, 10**9): [0.0, 0.079, 0.081, nan, nan, nan, nan, 1.0, nan],
+        (-0.5, 20): [0.0, nan, nan, nan, nan, nan, 0.8, 1.0, nan],
+        (-0.5, 5): [nan, nan, nan, nan, nan, nan, 0.8, 1.0, nan],
+        (-0.5, 1): [nan, nan, nan, nan, nan, nan, nan, nan, nan],
+        (0.05, 0): [0.0, 0.079, 0.081, nan, nan, nan, nan, 1.0, nan],
+    }
+    for (margin, draws), expected in cases.items():
+        shown = hide_uncertain(grid_map, 0.2, margin, draws).probability[0]
+        assert np.array_equal(shown, np.array(expected, np.float32), equal_nan=True), margin

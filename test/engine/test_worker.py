@@ -1,0 +1,245 @@
+"""The worker without ROS: what it hands over, keeps, forgets and writes, and when."""
+
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from ogm_mcmc.config import ChainConfig, SamplerConfig, StopConfig, WindowConfig
+from ogm_mcmc.engine.refinement import Refinement
+from ogm_mcmc.engine.worker import RefineWorker
+from ogm_mcmc.geometry import PlacedScan, Pose2D, PoseBelief, Scan
+
+CONFIG = SamplerConfig(
+    window=WindowConfig(resolution=0.1), chain=ChainConfig(burn_in=5, start='free')
+)
+ENDLESS = StopConfig(max_sweeps=10**8, max_time=1e6, r_hat=0.0)
+
+
+def scans(count, beams=24, start=0):
+    """Scans of a round room of 1 m, from places along a line."""
+    angles = 2.0 * np.pi * np.arange(beams) / beams
+    result = []
+    for i in range(start, start + count):
+        x = 0.02 * i
+        ranges = -x * np.cos(angles) + np.sqrt(1.0 - (x * np.sin(angles)) ** 2)
+        scan = Scan.checked(
+            ranges.astype(np.float32),
+            angle_min_rad=0.0,
+            angle_increment_rad=2.0 * np.pi / beams,
+            range_min_m=0.0,
+            range_max_m=3.0,
+            stamp_ns=1_000_000_000 + i,
+        )
+        result.append(PlacedScan(scan, PoseBelief(Pose2D(x + 0.03, 0.04))))
+    return result
+
+
+def until(condition, timeout_s=20.0):
+    deadline = time.monotonic() + timeout_s
+    while not condition():
+        assert time.monotonic() < deadline, 'not in time'
+        time.sleep(0.002)
+
+
+@pytest.fixture
+def make():
+    """Make workers that are closed whatever happens."""
+    made = []
+
+    def one(**options):
+        made.append(RefineWorker(options.pop('config', CONFIG), **options))
+        return made[-1]
+
+    yield one
+    for worker in made:
+        worker.close()
+        assert not worker.running
+        assert worker.failure is None
+
+
+def idle(worker, stopped):
+    return worker.status.state == 'idle' and worker.status.stopped == stopped
+
+
+def test_the_last_map_is_what_the_core_samples(make):
+    worker, limits = make(map_every_s=0.0), StopConfig(max_sweeps=40, r_hat=0.0)
+    assert worker.result is None
+    assert worker.refine(scans(6), limits) is False
+    until(lambda: idle(worker, 'sweeps'))
+    core = Refinement(CONFIG)
+    core.take(scans(6))
+    list(core.run(limits))
+    result = worker.result
+    assert result.final
+    assert (result.scans, result.stamp_ns, result.draws) == (6, 1_000_000_005, 70)
+    assert np.array_equal(result.grid_map.probability, core.map().probability, equal_nan=True)
+    assert worker.status.progress.sweeps == 40
+    assert (worker.status.scans, worker.status.rays) == (6, 144)
+    assert worker.status.n_bytes > worker.status.rays * 15
+
+
+def test_refining_again_replaces_what_is_at_work_and_keeps_its_map(make):
+    worker = make(map_every_s=0.0)
+    first = scans(6)
+    worker.refine(first, ENDLESS)
+    until(lambda: worker.result is not None and worker.result.draws > 20)
+    before = worker.result.number
+    assert worker.refine([*first, *scans(2, start=6)], ENDLESS) is True
+    until(lambda: worker.status.scans == 8 and worker.status.state == 'sampling')
+    # In the burn-in of the new run the old map stays; then a better one comes.
+    until(lambda: worker.result.scans == 8)
+    assert worker.result.number > before
+    assert worker.result.draws >= 2
+
+
+def test_the_same_scans_go_on_counting(make):
+    worker, some = make(), scans(4)
+    worker.refine(some, StopConfig(max_sweeps=30, r_hat=0.0))
+    until(lambda: idle(worker, 'sweeps'))
+    worker.refine(list(some), StopConfig(max_sweeps=30, r_hat=0.0))
+    until(lambda: idle(worker, 'sweeps') and worker.status.progress.sweeps == 60)
+    assert worker.status.progress.counted == 55
+
+
+def test_stop_brings_a_last_map_at_once(make):
+    worker = make(map_every_s=1e6)
+    assert worker.stop() is False
+    worker.refine(scans(6), ENDLESS)
+    until(lambda: worker.status.progress is not None and worker.status.progress.counted > 10)
+    assert worker.result.number == 1
+    assert worker.stop() is True
+    until(lambda: idle(worker, 'stopped'), 2.0)
+    assert worker.result.number == 2
+    assert worker.result.final
+
+
+def test_cleared_is_cleared(make):
+    """No map of before may come back, neither from the run at work nor as a warm start."""
+    worker, some = make(map_every_s=0.0), scans(6)
+    worker.refine(some, ENDLESS)
+    until(lambda: worker.result is not None)
+    worker.clear()
+    assert worker.result is None
+    worker.refine(some, StopConfig(max_sweeps=10, r_hat=0.0))
+    until(lambda: idle(worker, 'sweeps'))
+    assert worker.status.progress.sweeps == 10
+    assert worker.result.draws == 10
+    worker.clear()
+    until(lambda: worker.status.stopped == '')
+    time.sleep(0.05)
+    assert worker.result is None
+
+
+def test_what_cannot_be_sampled_is_said_and_harms_nothing(make):
+    said = []
+    small = SamplerConfig(
+        window=WindowConfig(resolution=0.1, max_memory_mb=1.0), chain=CONFIG.chain
+    )
+    worker = make(config=small, log=said.append)
+    worker.refine(scans(4), StopConfig(max_sweeps=10, r_hat=0.0))
+    until(lambda: idle(worker, 'sweeps'))
+    before = worker.result
+    worker.refine(scans(4, beams=2000), ENDLESS)
+    until(lambda: idle(worker, 'error'))
+    assert '8000 rays need' in worker.status.error
+    assert 'expected at most max_memory_mb = 1' in worker.status.error
+    assert said == [f'not refined: {worker.status.error}']
+    assert worker.result is before
+    worker.refine(scans(4), StopConfig(max_sweeps=5, r_hat=0.0))
+    until(lambda: idle(worker, 'error') and 'max_sweeps is 5' in worker.status.error)
+    worker.refine(scans(4), StopConfig(max_sweeps=10, r_hat=0.0))
+    until(lambda: idle(worker, 'sweeps') and worker.status.error == '')
+
+
+def test_state_is_written_when_asked_and_at_the_end(make, tmp_path):
+    state, said = tmp_path / 'chains.npz', []
+    some, limits = scans(6), StopConfig(max_sweeps=30, r_hat=0.0)
+    worker = make(state_file=state, log=said.append)
+    worker.save_state()  # nothing yet: no file
+    worker.refine(some, ENDLESS)
+    until(lambda: worker.status.progress is not None)
+    assert not state.exists()
+    worker.save_state()
+    until(state.exists, 2.0)
+    worker.close()
+    assert worker.status.stopped == 'shut down'
+    assert worker.result.final
+    at_end = worker.status.progress.sweeps
+
+    other = make(state_file=state, log=said.append)
+    other.refine(scans(6), limits)
+    until(lambda: idle(other, 'sweeps'))
+    assert other.status.progress.sweeps == at_end + 30
+    assert said == [f'goes on from {state}']
+
+    third = make(state_file=state, log=said.append)
+    third.refine(scans(5), limits)
+    until(lambda: idle(third, 'sweeps'))
+    assert third.status.progress.sweeps == 30
+    assert said[-1].startswith(f'starts anew: {state}: ')
+
+
+def test_a_state_that_cannot_be_written_is_said(make, tmp_path):
+    said = []
+    worker = make(state_file=tmp_path / 'gone' / 'chains.npz', log=said.append)
+    worker.refine(scans(3), StopConfig(max_sweeps=10, r_hat=0.0))
+    until(lambda: idle(worker, 'sweeps'))
+    assert 'cannot be written' in worker.status.error
+    assert said == [f'state not saved: {worker.status.error}']
+    assert worker.result.final
+
+
+def test_an_index_is_not_waited_for(monkeypatch):
+    """It may take long and cannot be interrupted; the map of before is still there."""
+    worker, said, go_on = RefineWorker(CONFIG), [], threading.Event()
+    worker.log = said.append
+    worker.refine(scans(3), StopConfig(max_sweeps=10, r_hat=0.0))
+    until(lambda: idle(worker, 'sweeps'))
+    before, take = worker.result, Refinement.take
+    monkeypatch.setattr(Refinement, 'take', lambda *a: go_on.wait(30.0) and take(*a))
+    worker.refine(scans(4), ENDLESS)
+    until(lambda: worker.status.state == 'indexing')
+    started = time.monotonic()
+    worker.close()
+    assert 0.9 < time.monotonic() - started < 3.0
+    assert worker.running
+    assert worker.result is before
+    assert said == ['left an index unfinished']
+    go_on.set()
+    until(lambda: not worker.running)
+
+
+def test_a_bug_is_not_swallowed(monkeypatch):
+    def broken(*_):
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(Refinement, 'map', broken)
+    worker = RefineWorker(CONFIG)
+    worker.refine(scans(3), ENDLESS)
+    until(lambda: worker.failure is not None)
+    assert isinstance(worker.failure, ZeroDivisionError)
+    worker.close()
+    assert not worker.running
+
+
+def test_orders_from_all_sides_leave_nothing_behind(make):
+    """The last order wins, whatever came before it, and the thread ends when it is told."""
+    worker, some = make(map_every_s=0.0), [scans(3), scans(4)]
+    rng = np.random.default_rng(7)
+    for action in rng.integers(0, 4, 120):
+        if action == 0:
+            worker.stop()
+        elif action == 1:
+            worker.clear()
+        else:
+            worker.refine(some[action - 2], ENDLESS)
+        time.sleep(float(rng.random()) * 0.004)
+    worker.clear()
+    worker.refine(some[1], StopConfig(max_sweeps=20, r_hat=0.0))
+    until(lambda: idle(worker, 'sweeps'))
+    assert worker.result.scans == 4
+    assert worker.result.draws == 30
+    worker.close()
+    assert not [thread for thread in threading.enumerate() if thread.name == 'refine']

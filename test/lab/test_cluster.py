@@ -1,0 +1,275 @@
+"""Chains and data sets on a Dask cluster: what comes back is what local work gives."""
+
+import os
+from concurrent.futures import Executor, ThreadPoolExecutor
+
+import numpy as np
+import pytest
+from support.tasks import dying_once, square, whereabouts
+
+from ogm_mcmc.cli import sample as sample_command
+from ogm_mcmc.cli.main import run
+from ogm_mcmc.config import (
+    ChainConfig,
+    ForwardModelConfig,
+    PatchConfig,
+    SamplerConfig,
+    StopConfig,
+    WindowConfig,
+)
+from ogm_mcmc.engine.refinement import Refinement
+from ogm_mcmc.errors import ClusterError, ConfigError, WindowError
+from ogm_mcmc.io.prior_files import default_prior_file
+from ogm_mcmc.lab import cluster, experiments
+from ogm_mcmc.lab.cluster import connected, sample_chains
+from ogm_mcmc.lab.experiments import run_all
+from ogm_mcmc.simulation import WORLDS, Lidar, record
+
+STOP = StopConfig(max_sweeps=120, max_time=1e6, r_hat=0.0)
+
+
+def config(**patch):
+    return SamplerConfig(
+        ForwardModelConfig(),
+        WindowConfig(resolution=0.2, max_range=4.0),
+        ChainConfig(chains=3, burn_in=20, seed=5),
+        PatchConfig(**patch),
+    )
+
+
+@pytest.fixture(scope='module')
+def scans():
+    lidar = Lidar(60, range_min_m=0.0, range_max_m=6.0, noise_m=0.05, dropout=0.0)
+    walk = list(record(WORLDS['office'](), lidar, np.random.default_rng(3)))[::60]
+    assert len(walk) > 4
+    return walk
+
+
+@pytest.fixture(scope='module')
+def local(scans):
+    refinement = Refinement(config())
+    refinement.take(scans)
+    *_, last = refinement.run(STOP)
+    return refinement, last
+
+
+@pytest.fixture(scope='module')
+def dask_cluster():
+    distributed = pytest.importorskip('distributed')
+    with distributed.LocalCluster(
+        n_workers=2,
+        threads_per_worker=1,
+        host='127.0.0.1',
+        dashboard_address=None,
+        silence_logs='CRITICAL',
+    ) as running:
+        yield running
+
+
+class Deadly(Executor):
+    """Hands one task on in a form that kills the process it is done in, the first time."""
+
+    def __init__(self, inner, marker, which):
+        self.inner, self.marker, self.which = inner, marker, which
+        self.submitted = 0
+
+    def submit(self, fn, *args, **kwargs):
+        self.submitted += 1
+        if self.submitted == self.which:
+            return self.inner.submit(dying_once, str(self.marker), fn, *args, **kwargs)
+        return self.inner.submit(fn, *args, **kwargs)
+
+
+def same(one: Refinement, other: Refinement) -> None:
+    assert np.array_equal(one.map().probability, other.map().probability, equal_nan=True)
+    assert one.sampler.log_likelihoods() == other.sampler.log_likelihoods()
+    for mine, theirs in zip(one.sampler.counts, other.sampler.counts, strict=True):
+        assert np.array_equal(mine.counts, theirs.counts)
+    for mine, theirs in zip(one.sampler.rngs, other.sampler.rngs, strict=True):
+        assert mine.bit_generator.state == theirs.bit_generator.state
+    assert one.quality.summary() == other.quality.summary()
+
+
+@pytest.mark.jit
+def test_any_executor_gives_what_local_chains_give(scans, local, monkeypatch):
+    refinement = Refinement(config())
+    refinement.take(scans)
+    built = []
+    monkeypatch.setattr(cluster, '_models', {})
+    monkeypatch.setattr(cluster, '_built', lambda p, of=cluster._built: built.append(p) or of(p))
+    with ThreadPoolExecutor(2) as executor:
+        *_, last = sample_chains(refinement, scans, STOP, executor)
+    assert (last.sweeps, last.counted, last.reason) == (120, 100, 'sweeps')
+    assert last.r_hat_p99 == local[1].r_hat_p99
+    assert len(built) == 1
+    same(refinement, local[0])
+
+
+@pytest.mark.jit
+def test_a_window_built_at_once_is_that_which_grew(scans):
+    grown, at_once = Refinement(config()), Refinement(config())
+    grown.take(scans[:3])
+    grown.take(scans)
+    at_once.take(scans)
+    assert grown.window.spec == at_once.window.spec
+    for mine, theirs in zip(grown.window.index, at_once.window.index, strict=True):
+        assert np.array_equal(mine, theirs)
+
+
+@pytest.mark.jit
+def test_a_prior_file_need_not_be_on_the_worker(scans, tmp_path):
+    mine = tmp_path / 'mine.npz'
+    mine.write_bytes(default_prior_file().read_bytes())
+    chosen = config(prior='border', size=9, prior_file=str(mine))
+    stop = StopConfig(max_sweeps=40, max_time=1e6, r_hat=0.0)
+    here, there = Refinement(chosen), Refinement(chosen)
+    here.take(scans)
+    there.take(scans)
+    list(here.run(stop))
+    with ThreadPoolExecutor(1) as executor:
+        rounds = sample_chains(there, scans, stop, executor)
+        mine.unlink()
+        list(rounds)
+    same(here, there)
+
+
+@pytest.mark.jit
+def test_other_scans_than_those_taken_are_noticed(scans):
+    refinement = Refinement(config())
+    refinement.take(scans)
+    with ThreadPoolExecutor(1) as executor, pytest.raises(WindowError, match='on a worker'):
+        list(sample_chains(refinement, scans[:2], STOP, executor))
+    with ThreadPoolExecutor(1) as executor, pytest.raises(WindowError, match='nothing to sample'):
+        sample_chains(Refinement(config()), scans, STOP, executor)
+
+
+@pytest.mark.jit
+def test_a_killed_worker_costs_nothing(dask_cluster, scans, local, tmp_path):
+    refinement = Refinement(config())
+    refinement.take(scans)
+    marker = tmp_path / 'killed'
+    with connected(dask_cluster.scheduler_address) as executor:
+        # The second chain of the third round.
+        deadly = Deadly(executor, marker, 8)
+        *_, last = sample_chains(refinement, scans, STOP, deadly)
+    assert marker.exists()
+    assert deadly.submitted > 8
+    assert last.sweeps == 120
+    same(refinement, local[0])
+
+
+def test_data_sets_survive_a_killed_worker(dask_cluster, tmp_path):
+    (tmp_path / 'calls').mkdir()
+    work = {
+        f'set{n}': {'value': n, 'folder': str(tmp_path / 'calls'), 'dies': n == 3}
+        for n in range(6)
+    }
+    with connected(dask_cluster.scheduler_address) as executor:
+        results = run_all(tmp_path / 'out', square, work, executor=executor)
+    assert [result['square'] for result in results.values()] == [0, 1, 4, 9, 16, 25]
+    assert (tmp_path / 'calls' / '3-1').exists()
+    assert len(list((tmp_path / 'out').iterdir())) == 6
+
+
+def test_experiment_on_a_cluster(dask_cluster, tmp_path, monkeypatch, capsys):
+    found = {}
+
+    def elsewhere(folder, *, quick, seed):
+        found.update(run_all(folder / 'sets', whereabouts, {'one': {'number': 1}}))
+        return {'rows': [experiments.row('number', found['one']['number'])]}
+
+    monkeypatch.setitem(experiments.EXPERIMENTS, 'pose-sim', elsewhere)
+    arguments = ['experiment', 'pose-sim', '-o', str(tmp_path / 'out')]
+    assert run([*arguments, '--scheduler', dask_cluster.scheduler_address]) == 0
+    assert 'number' in capsys.readouterr().out
+    assert found['one']['process'] != os.getpid()
+    # Without a cluster a single data set is computed in this process.
+    for path in (tmp_path / 'out' / 'sets').iterdir():
+        path.unlink()
+    assert run(arguments) == 0
+    assert found['one']['process'] == os.getpid()
+
+
+@pytest.mark.jit
+def test_sample_on_a_cluster(dask_cluster, office_bag, tmp_path, capsys, monkeypatch):
+    """With --state, in two runs: here, then on the cluster; as if all had been done here."""
+    few = ('--resolution', '0.2', '--beam-stride', '12', '--burn-in', '16', '--r-hat', '0')
+    there = ('--scheduler', dask_cluster.scheduler_address)
+    shared = []
+    real = cluster.distribute
+    monkeypatch.setattr(sample_command, 'distribute', lambda *a: shared.append(a) or real(*a))
+
+    def sample(name, *options):
+        arguments = ['sample', str(office_bag), '-o', str(tmp_path / name), *few, *options]
+        assert run(arguments) == 0
+        capsys.readouterr()
+        with np.load(tmp_path / name / 'map.npz') as data:
+            return data['probability'], data['r_hat']
+
+    whole = sample('whole', '--max-sweeps', '90')
+    state = ('--state', str(tmp_path / 'state'))
+    sample('first', *state, '--max-sweeps', '40')
+    parts = sample('parts', *state, '--max-sweeps', '50', *there)
+    assert len(shared) == 1
+    for one, other in zip(whole, parts, strict=True):
+        assert np.array_equal(one, other, equal_nan=True)
+
+
+def test_no_scheduler(monkeypatch, tmp_path, capsys):
+    pytest.importorskip('distributed')
+    monkeypatch.setattr(cluster, 'ANSWER_S', 0.3)
+    monkeypatch.chdir(tmp_path)
+    assert run(['experiment', 'pose-sim', '--quick', '--scheduler', 'tcp://127.0.0.1:9']) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 1
+    assert 'tcp://127.0.0.1:9' in lines[0]
+
+
+@pytest.mark.parametrize(
+    ('address', 'reason'),
+    [
+        ('inproc://x', 'expected the address of a Dask scheduler, such as tcp://host:8786'),
+        ('tls://127.0.0.1:9', "expected what distributed.comm of Dask's configuration allows"),
+    ],
+)
+def test_an_address_that_cannot_be_is_one_line_at_once(run_cli, tmp_path, address, reason):
+    """A process of its own: what is left of a client speaks when Python ends."""
+    pytest.importorskip('distributed')
+    done = run_cli('experiment', 'pose-sim', '--quick', '--scheduler', address, timeout=60)
+    assert done.returncode == 2
+    (line,) = done.stderr.splitlines()
+    assert line.startswith(f'ogm_mcmc experiment: error: scheduler {address}: ')
+    assert reason in line
+    assert not any(tmp_path.rglob('*.json'))
+
+
+@pytest.mark.parametrize(
+    'address',
+    ['bla', 'http://x', 'no://where', 'tcp://127.0.0.1', 'tcp://[::1', 'tcp://127.0.0.1:99999'],
+)
+def test_no_client_is_made_for_an_address_that_cannot_be(address, monkeypatch):
+    distributed = pytest.importorskip('distributed')
+    monkeypatch.setattr(distributed, 'Client', None)
+    with pytest.raises(ClusterError, match='expected the address'), connected(address):
+        pass
+
+
+def test_a_worker_is_no_scheduler(dask_cluster):
+    worker, *_ = dask_cluster.scheduler_info['workers']
+    with pytest.raises(ClusterError, match='is a Worker; expected'), connected(worker):
+        pass
+
+
+def test_workers_of_another_version(dask_cluster, monkeypatch):
+    monkeypatch.setattr(cluster, '__version__', '99.0')
+    with (
+        pytest.raises(ClusterError, match=r'expected 99\.0'),
+        connected(dask_cluster.scheduler_address),
+    ):
+        pass
+
+
+def test_without_distributed(monkeypatch):
+    monkeypatch.setitem(__import__('sys').modules, 'distributed', None)
+    with pytest.raises(ConfigError, match=r'ogm_mcmc\[cluster\]'), connected('tcp://here:1'):
+        pass
