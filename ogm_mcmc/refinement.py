@@ -27,9 +27,10 @@ from ogm_mcmc.config import (
     StopConfig,
     flatten,
 )
-from ogm_mcmc.errors import ConfigError, WindowError
+from ogm_mcmc.errors import ConfigError, PriorError, WindowError
+from ogm_mcmc.files.output_files import replacing
+from ogm_mcmc.files.user_paths import user_path
 from ogm_mcmc.geometry import GridMap, Pose2D, PoseBelief, Scan
-from ogm_mcmc.io.map_files import replacing
 from ogm_mcmc.io.prior_files import default_prior_file, load_prior
 from ogm_mcmc.placement import Placement
 from ogm_mcmc.recording import Recording, fingerprint
@@ -358,7 +359,8 @@ def _patch_prior(
         return None, cell_prior
     if patch.prior == 'uniform':
         return make_table('uniform', patch.size, p_occupied=cell_prior), cell_prior
-    path = Path(patch.prior_file).expanduser() if patch.prior_file else default_prior_file()
+    file = patch.prior_file
+    path = user_path(file, 'patch.prior_file', PriorError) if file else default_prior_file()
     counts = load_prior(path, resolution_m).counts
     share = float(counts.cells[1] / counts.cells.sum())
     return make_table(patch.prior, patch.size, counts), share

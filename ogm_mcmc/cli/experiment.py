@@ -15,7 +15,7 @@ from ogm_mcmc.errors import ConfigError, OutputError, require
 from ogm_mcmc.experiments import EXPERIMENTS, SPREAD, make_page
 from ogm_mcmc.experiments.datasets import using_executor
 from ogm_mcmc.experiments.results import table_text
-from ogm_mcmc.io.map_files import folder_to_fill, replacing
+from ogm_mcmc.files.output_files import folder_to_fill, replacing
 from ogm_mcmc.plotting import require_matplotlib
 
 __all__ = ['add_to']

@@ -23,9 +23,11 @@ from ogm_mcmc.config import (
     StopConfig,
 )
 from ogm_mcmc.errors import OgmError
+from ogm_mcmc.files.output_files import writable_folder
+from ogm_mcmc.files.user_paths import user_path
 from ogm_mcmc.geometry import GridMap, GridSpec, PoseBelief, Scan, SensorMount
 from ogm_mcmc.geometry.grid_map import entropy_bits, occupancy_values, trinary_values
-from ogm_mcmc.io.map_files import save_map, writable_folder
+from ogm_mcmc.io.map_files import save_map
 from ogm_mcmc.pipeline import mounted
 from ogm_mcmc.recording import Recording
 from ogm_mcmc.refinement import hide_uncertain, warm_up
@@ -106,7 +108,7 @@ class RefineServer(Node):
     def _state_file(self) -> Path | None:
         if not self.settings.state_file:
             return None
-        path = Path(self.settings.state_file).expanduser().absolute()
+        path = user_path(self.settings.state_file, 'state_file').absolute()
         writable_folder(path.parent)  # better said now than when the work is done
         return path
 
@@ -257,9 +259,9 @@ class RefineServer(Node):
             response.success = False
             response.message = 'nothing was refined yet: nothing to save; call ~/refine first'
             return response
-        folder = Path(self.settings.save_directory).expanduser()
         grid_map = self.shown(result).cropped()
         try:
+            folder = user_path(self.settings.save_directory, 'save_directory')
             paths = save_map(grid_map, folder, self.output, self.settings.save_name)
         except OgmError as error:
             response.success, response.message = False, str(error)

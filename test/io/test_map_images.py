@@ -1,11 +1,14 @@
 """Map files of others: read as nav2_map_server reads them, or refused in one line."""
 
+import os
+
 import numpy as np
 import pytest
 from PIL import Image
 
 from ogm_mcmc.errors import MapFileError
-from ogm_mcmc.io.map_files import load_map
+from ogm_mcmc.geometry.grid_map import occupancy_values
+from ogm_mcmc.io.map_images import load_map
 
 FIELDS = {
     'image': 'map.pgm',
@@ -35,11 +38,11 @@ def write_map(tmp_path):
     return write
 
 
-def message_of(path):
+def message_of(path, named=None):
     with pytest.raises(MapFileError) as caught:
         load_map(path)
     message = str(caught.value)
-    assert str(path.parent) in message
+    assert str(named or path.parent) in message
     assert '\n' not in message
     return message
 
@@ -70,11 +73,106 @@ def test_other_images(write_map, tmp_path, mode, kind):
     assert same(load_map(path).probability, [[1.0, 0.0], [0.0, 0.0]])
 
 
-def test_pixel_exactly_at_a_threshold_is_unknown(write_map):
-    """nav2_map_server: occupied above, free below; 102 reads as 0.6 and 204 as 0.2."""
-    image = b'P5\n4 1\n255\n' + bytes([101, 102, 204, 205])
-    path = write_map(image, occupied_thresh='0.6', free_thresh='0.2')
-    assert same(load_map(path).probability, [[1.0, np.nan, np.nan, 0.0]])
+@pytest.mark.parametrize(
+    ('threshold', 'negate', 'free', 'occupied'),
+    [
+        ('0.8', '0', 51, 51),
+        ('0.6', '0', 102, 102),
+        ('0.4', '0', 153, 152),
+        ('0.2', '0', 204, 203),
+        ('0.8', '1', 204, 204),
+        ('0.4', '1', 102, 102),
+    ],
+)
+def test_grey_exactly_at_a_threshold(write_map, threshold, negate, free, occupied):
+    """Of all greys: the last free one and the last occupied one, as nav2_map_server has them.
+
+    Each threshold is that of a grey. Both count, but 1 - 153 / 255 and 1 - 204 / 255 are just
+    below 0.4 and 0.2 in single precision, in which it compares.
+    """
+    image = b'P5\n256 1\n255\n' + bytes(range(256))
+    darkest_first = slice(None) if negate == '0' else slice(None, None, -1)
+    path = write_map(image, free_thresh=threshold, occupied_thresh='0.99', negate=negate)
+    greys = np.arange(256)[darkest_first]
+    probability = load_map(path).probability[0][darkest_first]
+    assert greys[probability == 0.0][0] == free
+    path = write_map(image, occupied_thresh=threshold, free_thresh='0.01', negate=negate)
+    probability = load_map(path).probability[0][darkest_first]
+    assert greys[probability == 1.0][-1] == occupied
+
+
+def test_scale_gives_whole_percents(write_map):
+    """100 (p - free) / (occupied - free) of p = 1 - x / 255, rounded; beyond: 0 and 100."""
+    greys = bytes([255, 206, 205, 204, 178, 128, 90, 89, 0])
+    path = write_map(b'P5\n9 1\n255\n' + greys, mode='scale')
+    expected = []
+    for x in greys:
+        p = (255 - x) / 255
+        share = 100.0 * (p - 0.196) / (0.65 - 0.196)
+        expected.append(100 if p >= 0.65 else 0 if p <= 0.196 else round(share))
+    assert occupancy_values(load_map(path).probability).tolist() == [expected]
+    assert expected == [0, 0, 0, 1, 23, 67, 99, 100, 100]
+
+
+def test_raw_is_the_percentage(write_map):
+    path = write_map(b'P5\n5 1\n255\n' + bytes([0, 1, 100, 101, 255]), mode='RAW', negate='1')
+    assert occupancy_values(load_map(path).probability).tolist() == [[0, 1, 100, -1, -1]]
+
+
+@pytest.mark.parametrize('beneath', [0, 255])
+def test_what_is_transparent_is_unknown(write_map, tmp_path, beneath):
+    pixels = np.array([[[0, 0, 0, 255], [beneath] * 3 + [0], [beneath] * 3 + [254]]], np.uint8)
+    Image.fromarray(pixels).save(tmp_path / 'map.png')
+    for mode in ('trinary', 'scale'):
+        found = load_map(write_map(image='map.png', mode=mode)).probability
+        assert same(found, [[1.0, np.nan, np.nan]])
+    raw = load_map(write_map(image='map.png', mode='raw')).probability
+    assert same(raw, [[0.0, *[np.nan if beneath else 0.0] * 2]])
+
+
+@pytest.mark.parametrize('text', ['1', 'true', 'True', 'yes', 'on', 'ON', 'y', '"1"', '2', '-1'])
+def test_negate_however_it_is_spelt(write_map, text):
+    path = write_map(b'P5\n2 1\n255\n' + bytes([0, 255]), negate=text)
+    assert same(load_map(path).probability, [[0.0, 1.0]])
+
+
+@pytest.mark.parametrize('text', ['0', 'false', 'No', 'off', 'n', "'0'", '00'])
+def test_no_negate_however_it_is_spelt(write_map, text):
+    path = write_map(b'P5\n2 1\n255\n' + bytes([0, 255]), negate=text)
+    assert same(load_map(path).probability, [[1.0, 0.0]])
+
+
+def test_absolute_path_of_the_image(write_map, tmp_path):
+    (tmp_path / 'deep').mkdir()
+    path = write_map(image=str(tmp_path / 'map.pgm'))
+    moved = path.rename(tmp_path / 'deep' / 'map.yaml')
+    assert load_map(moved).probability.shape == (2, 2)
+
+
+def test_a_turned_origin_is_refused_by_name(write_map):
+    message = message_of(write_map(origin='[-1.0, -2.0, 0.7853981]'))
+    assert 'origin has yaw 0.785398: expected 0' in message
+
+
+@pytest.mark.parametrize('yaw', ['.nan', '0', '-0.0', '1e-17'])
+def test_yaw_that_counts_as_none(write_map, yaw):
+    assert load_map(write_map(origin=f'[-1.5, 2.5, {yaw}]')).spec.origin_x_m == -1.5
+
+
+def test_numbers_as_yaml_cpp_reads_them(write_map):
+    path = write_map(resolution='5e-2', occupied_thresh='"0.65"', free_thresh='.196')
+    assert load_map(path).spec.resolution_m == 0.05
+
+
+def test_an_image_that_is_a_pipe_does_not_hang(write_map, tmp_path):
+    os.mkfifo(tmp_path / 'pipe.pgm')
+    assert 'expected a regular file' in message_of(write_map(image='pipe.pgm'))
+    assert 'regular file' in message_of(write_map(image='/dev/zero'), '/dev/zero')
+
+
+def test_more_cells_than_allowed_are_refused(write_map):
+    with pytest.raises(MapFileError, match='2 x 2 pixels: expected at most 3'):
+        load_map(write_map(), most_cells=3)
 
 
 @pytest.mark.parametrize('name', FIELDS)
@@ -125,8 +223,24 @@ def test_missing_image(write_map, image):
         ('occupied_thresh', '.nan'),
         ('free_thresh', '[0.1]'),
         ('free_thresh', '.nan'),
-        ('mode', 'scale'),
-        ('mode', 'raw'),
+        ('mode', 'grey'),
+        ('mode', ''),
+        ('negate', 'maybe'),
+        ('negate', '1.0'),
+        ('negate', ''),
+        ('negate', '9' * 50),
+        ('origin', '[0, 0]'),
+        ('origin', '[0, 0, 0, 0]'),
+        ('origin', '[0, 0, .inf]'),
+        ('origin', '[[0], 0, 0]'),
+        ('image', ''),
+        ('image', '[a]'),
+        ('image', '"a\\0b.pgm"'),
+        ('image', 'x' * 300),
+        ('resolution', '9' * 5000),
+        ('resolution', '&a 0.1'),
+        ('resolution', 'true'),
+        ('free_thresh', '0.7'),
     ],
 )
 def test_value_that_cannot_be(write_map, name, value):
