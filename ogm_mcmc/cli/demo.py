@@ -27,7 +27,7 @@ from ogm_mcmc.cli.demo_input import DemoInput, prepare
 from ogm_mcmc.cli.options import Subparsers, add_config_options, config_from, print_result
 from ogm_mcmc.config import MapperConfig, StopConfig, given
 from ogm_mcmc.errors import BagError, ConfigError, OgmError
-from ogm_mcmc.io.map_files import folder_to_fill
+from ogm_mcmc.files.output_files import folder_to_fill
 from ogm_mcmc.io.map_sheet import save_side_by_side
 
 __all__ = ['add_to']

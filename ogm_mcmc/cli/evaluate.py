@@ -23,6 +23,7 @@ from ogm_mcmc.cli.options import (
     Subparsers,
     add_config_options,
     add_json,
+    add_max_cells,
     add_stream_options,
     config_from,
     print_result,
@@ -42,8 +43,9 @@ from ogm_mcmc.config import (
 )
 from ogm_mcmc.config.nodes import REFINE_CONFIGS
 from ogm_mcmc.errors import ConfigError, OutputError
+from ogm_mcmc.files.output_files import checked_name, replacing, writable_folder
 from ogm_mcmc.geometry import GridMap
-from ogm_mcmc.io.map_files import checked_name, load_grid, replacing, writable_folder
+from ogm_mcmc.io.map_files import load_grid
 from ogm_mcmc.plotting import require_matplotlib
 
 __all__ = ['add_to']
@@ -90,6 +92,7 @@ def add_to(subparsers: Subparsers) -> None:
     configs = (SamplerConfig, PlacingConfig)
     title = 'how beams are understood (--beams, --pose)'
     add_config_options(parser, title, *configs, without=NOT_OF_BEAMS, short=SHORT)
+    add_max_cells(parser)
     add_json(parser)
     parser.set_defaults(run=run)
 
@@ -105,7 +108,7 @@ def run(options: argparse.Namespace) -> int:
     config = build(EvaluationConfig, given(options, EvaluationConfig))
     checked_name(options.name)
     require_matplotlib()
-    grid_map = load_grid(options.map)
+    grid_map = load_grid(options.map, options.max_cells)
     answers = _answers(options, grid_map, config)
     paths = _paths(options)
     named = {name: answer.figures for name, answer in answers.items() if name != 'truth'}
@@ -144,7 +147,7 @@ def _answers(
     pose = None if options.pose is None else pose_inside(read_pose(options.pose), grid_map)
     answers: dict[str, Answer] = {}
     if options.truth is not None:
-        answers['truth'] = against_truth(grid_map, options.truth, config)
+        answers['truth'] = against_truth(grid_map, options.truth, config, options.max_cells)
     _paths(options)  # what cannot be saved is better said before the work than after it
     if options.bag is not None:
         answers['beams'] = by_beams(options, grid_map, config.unknown, choice, placing, sampler)

@@ -44,7 +44,7 @@ def by_beams(
 
     A scan is taken to come from the mean of the belief about its pose.
     """
-    samples = None if options.samples is None else load_samples(options.samples)
+    samples = None if options.samples is None else load_samples(options.samples, options.max_cells)
     model, window = ForwardModel.from_config(sampler.model), sampler.window
     bag = read_bag(options, placing)
     beams = held_out_beams(

@@ -12,6 +12,7 @@ from ogm_mcmc.config import EvaluationConfig
 from ogm_mcmc.evaluation import Comparison, compare
 from ogm_mcmc.geometry import GridMap
 from ogm_mcmc.io.map_files import load_grid
+from ogm_mcmc.io.map_images import MOST_CELLS
 from ogm_mcmc.plotting import (
     Picture,
     Series,
@@ -24,9 +25,11 @@ from ogm_mcmc.plotting import (
 __all__ = ['against_truth']
 
 
-def against_truth(grid_map: GridMap, path: Path, config: EvaluationConfig) -> Answer:
+def against_truth(
+    grid_map: GridMap, path: Path, config: EvaluationConfig, most_cells: int = MOST_CELLS
+) -> Answer:
     """Compare a map with the one of a file."""
-    truth = load_grid(path)
+    truth = load_grid(path, most_cells)
     comparison = compare(grid_map, truth, config)
     figures = {'truth': str(path), **comparison.figures}
     settings = figures.pop('settings')

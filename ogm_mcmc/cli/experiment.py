@@ -11,7 +11,7 @@ from typing import Any
 from ogm_mcmc import __version__
 from ogm_mcmc.cli.options import Subparsers, add_json, add_scheduler, print_result
 from ogm_mcmc.errors import ConfigError, OutputError, require
-from ogm_mcmc.io.map_files import folder_to_fill, replacing
+from ogm_mcmc.files.output_files import folder_to_fill, replacing
 from ogm_mcmc.lab.cluster import connected
 from ogm_mcmc.lab.experiments import EXPERIMENTS, SPREAD, make_page
 from ogm_mcmc.lab.experiments.datasets import using_executor

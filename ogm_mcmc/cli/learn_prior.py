@@ -10,7 +10,7 @@ from typing import Any
 from tqdm import tqdm
 
 from ogm_mcmc.arrays import Int8Array
-from ogm_mcmc.cli.options import Subparsers, add_json, print_result
+from ogm_mcmc.cli.options import Subparsers, add_json, add_max_cells, print_result
 from ogm_mcmc.config import (
     LearningConfig,
     PatchTableConfig,
@@ -20,7 +20,7 @@ from ogm_mcmc.config import (
     given,
 )
 from ogm_mcmc.errors import OutputError, PriorError, require
-from ogm_mcmc.io.map_files import makeable_folder, writable_folder
+from ogm_mcmc.files.output_files import makeable_folder, writable_folder
 from ogm_mcmc.io.prior_files import Prior, save_prior
 from ogm_mcmc.io.training_maps import MapSource, TrainingMap, read_sources, read_training_map
 from ogm_mcmc.sampling.patch_learning import PatchCounts, count_map, rescaled, total_of
@@ -63,6 +63,7 @@ def add_to(subparsers: Subparsers) -> None:
         action='store_true',
         help='judge: predict each map with a prior learned from the others',
     )
+    add_max_cells(parser)
     add_json(parser)
     parser.set_defaults(run=run)
 
@@ -120,7 +121,9 @@ def _counted(
     skipped = []
     with tqdm(options.images, unit=' maps', desc='learn-prior', disable=None) as images:
         for image in images:
-            training = read_training_map(image, _sources(options, image), options.image_resolution)
+            training = read_training_map(
+                image, _sources(options, image), options.image_resolution, options.max_cells
+            )
             if config.coarser == 'skip' and _coarser(training, config):
                 skipped.append(str(image))
                 continue

@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 import os
 import sys
+from pathlib import Path
+from typing import Any
 
 from ogm_mcmc import __version__
 from ogm_mcmc.cli import (
@@ -21,6 +23,7 @@ from ogm_mcmc.cli import (
     sample,
     simulate,
 )
+from ogm_mcmc.cli.options import path_argument
 from ogm_mcmc.cli.signals import leave_on_signals
 from ogm_mcmc.errors import OgmError
 
@@ -42,9 +45,17 @@ COMMANDS = (
 )
 
 
+class _Parser(argparse.ArgumentParser):
+    """A parser, as its commands have them too, whose paths are read by `path_argument`."""
+
+    def __init__(self, *args: Any, **options: Any) -> None:
+        super().__init__(*args, **options)
+        self.register('type', Path, path_argument)
+
+
 def make_parser() -> argparse.ArgumentParser:
     """Return the parser with all commands."""
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog='ogm_mcmc', description='Occupancy grid maps with probabilities to believe.'
     )
     parser.add_argument('--version', action='version', version=__version__)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import tempfile
 import time
 from pathlib import Path
 from typing import Any
@@ -22,16 +21,10 @@ from ogm_mcmc.cli.options import (
 )
 from ogm_mcmc.config import MapperConfig, OutputConfig, PlacingConfig, flatten
 from ogm_mcmc.engine.bag_scans import PlacedScans, choose_topics
-from ogm_mcmc.errors import OutputError
+from ogm_mcmc.files.output_files import checked_name, makeable_folder, replacing_set
 from ogm_mcmc.geometry import GridMap
 from ogm_mcmc.io.bags import BagReader
-from ogm_mcmc.io.map_files import (
-    checked_name,
-    makeable_folder,
-    save_map,
-    save_npz,
-    writable_folder,
-)
+from ogm_mcmc.io.map_files import save_npz, write_map
 from ogm_mcmc.io.tree_files import save_tree
 from ogm_mcmc.mapping import AdaptiveMapper, MappingMethod, RandomFieldMapper
 from ogm_mcmc.pipeline import MappingPipeline
@@ -110,27 +103,20 @@ def _write(
     paths: dict[str, Path],
     method: MappingMethod,
 ) -> None:
-    """Write all files of a map under other names first: an old set is replaced as a whole."""
+    """Write all files of a map; an old set is replaced as a whole."""
     folder, name = paths['yaml'].parent, paths['yaml'].stem
-    for path in paths.values():
-        if path.is_dir():
-            raise OutputError(f'{path}: is a folder; expected a name for a file')
-    writable_folder(folder)
-    with tempfile.TemporaryDirectory(dir=folder, prefix=f'.{name}-') as scratch:
-        save_map(grid_map, Path(scratch), output, name)
+    of_another = () if 'tree' in paths else (f'{name}_tree.npz',)
+    with replacing_set(folder, name, of_another) as scratch:
+        write_map(grid_map, scratch, output, name)
         layers = {}
         if isinstance(method, RandomFieldMapper):
             layers['variance'] = method.variance(grid_map.spec.box)
-        save_npz(grid_map, Path(scratch) / f'{name}.npz', settings, layers)
+        save_npz(grid_map, scratch / f'{name}.npz', settings, layers)
         if isinstance(method, AdaptiveMapper):
-            save_tree(method, Path(scratch) / paths['tree'].name)
-        else:
-            (folder / f'{name}_tree.npz').unlink(missing_ok=True)  # of another map
-        (Path(scratch) / f'{name}.json').write_text(
+            save_tree(method, scratch / paths['tree'].name)
+        (scratch / f'{name}.json').write_text(
             json.dumps(result, indent=2) + '\n', encoding='utf-8'
         )
-        for path in paths.values():
-            (Path(scratch) / path.name).replace(path)
 
 
 def _text(result: dict[str, Any]) -> str:

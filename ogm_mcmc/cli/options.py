@@ -19,21 +19,51 @@ from ogm_mcmc.config import (
 )
 from ogm_mcmc.config.nodes import NODE_CONFIGS
 from ogm_mcmc.engine.bag_scans import StreamChoice
-from ogm_mcmc.errors import ConfigError
+from ogm_mcmc.errors import ConfigError, OgmError
+from ogm_mcmc.files.user_paths import user_path
+from ogm_mcmc.io.map_images import MOST_CELLS
 
 __all__ = [
     'Subparsers',
     'add_config_options',
     'add_json',
+    'add_max_cells',
     'add_scheduler',
     'add_stream_options',
     'config_from',
+    'path_argument',
     'print_result',
     'stream_choice',
 ]
 
 T = TypeVar('T')
 Subparsers = Any  # argparse gives its sub-parser action no public name
+
+
+def path_argument(text: str) -> Path:
+    """Return the path of an option; argparse names the option where it is none."""
+    try:
+        return user_path(text)
+    except OgmError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
+
+
+def add_max_cells(parser: argparse.ArgumentParser) -> None:
+    """Declare --max-cells, of commands that read maps."""
+    parser.add_argument(
+        '--max-cells',
+        type=_count,
+        default=MOST_CELLS,
+        metavar='N',
+        help=f'larger maps and images are refused before they take memory; default {MOST_CELLS}',
+    )
+
+
+def _count(text: str) -> int:
+    number = int(text) if text.isascii() and text.isdigit() and len(text) < 16 else 0
+    if number < 1:
+        raise argparse.ArgumentTypeError(f'{text!r}: expected a whole number, 1 or more')
+    return number
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 from ogm_mcmc.cli.options import Subparsers
 from ogm_mcmc.config import add_arguments, build, given
 from ogm_mcmc.config.nodes import ReplayConfig
-from ogm_mcmc.errors import ConfigError
+from ogm_mcmc.errors import BagError, ConfigError
+from ogm_mcmc.files.user_paths import user_path
 from ogm_mcmc.io.bags import BagReader
 
 __all__ = ['add_to']
@@ -26,7 +26,7 @@ def add_to(subparsers: Subparsers) -> None:
 def run(options: argparse.Namespace) -> int:
     """Run the command."""
     build(ReplayConfig, given(options, ReplayConfig))
-    with BagReader(Path(options.bag)):
+    with BagReader(user_path(options.bag, 'bag', BagError)):
         pass  # A wrong value or path is said at once, before ROS starts.
     try:
         from ogm_mcmc.ros.replay import replay

@@ -19,6 +19,7 @@ from ogm_mcmc.cli.options import (
     Subparsers,
     add_config_options,
     add_json,
+    add_max_cells,
     add_scheduler,
     add_stream_options,
     config_from,
@@ -39,8 +40,9 @@ from ogm_mcmc.config.nodes import REFINE_CONFIGS
 from ogm_mcmc.engine.bag_scans import BagScans
 from ogm_mcmc.engine.refinement import Progress, Recording, Refinement, warm_up
 from ogm_mcmc.errors import ConfigError, OutputError
+from ogm_mcmc.files.output_files import checked_name, makeable_folder, writable_folder
 from ogm_mcmc.geometry import GridMap, GridSpec
-from ogm_mcmc.io.map_files import checked_name, load_grid, makeable_folder, writable_folder
+from ogm_mcmc.io.map_files import load_grid
 from ogm_mcmc.lab.cluster import connected, distribute
 
 __all__ = ['add_to']
@@ -95,6 +97,7 @@ def add_to(subparsers: Subparsers) -> None:
     )  # fmt: skip
     add_config_options(parser, 'sampling', *CONFIGS, without=('output',), short=SHORT)
     add_stream_options(parser)
+    add_max_cells(parser)
     add_scheduler(parser)
     add_json(parser)
     parser.set_defaults(run=run)
@@ -110,7 +113,9 @@ def run(options: argparse.Namespace) -> int:
     makeable_folder(options.folder)
     if options.state is not None:
         _check_state_file(options.state)
-    start = None if options.start_map is None else _on_lattice(load_grid(options.start_map))
+    start = None
+    if options.start_map is not None:
+        start = _on_lattice(load_grid(options.start_map, options.max_cells))
     with connected(options.scheduler) as executor:
         return _run(options, chosen, start, executor)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import tempfile
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,10 +11,10 @@ import numpy as np
 from ogm_mcmc.arrays import Float32Array, UInt8Array
 from ogm_mcmc.config import OutputConfig
 from ogm_mcmc.engine.refinement import Refinement, hide_uncertain
-from ogm_mcmc.errors import OutputError
+from ogm_mcmc.files.output_files import replacing_set
 from ogm_mcmc.geometry import CellBox, GridMap
 from ogm_mcmc.geometry.grid_map import entropy_bits
-from ogm_mcmc.io.map_files import save_map, save_npz, writable_folder
+from ogm_mcmc.io.map_files import save_npz, write_map
 from ogm_mcmc.io.sample_files import MapSamples, save_samples
 from ogm_mcmc.plotting import heat_png
 
@@ -41,7 +40,7 @@ def write_all(
     """Write map, NPZ, entropy, samples and JSON; return the paths by kind.
 
     PGM and PNG show what is more certain than the prior (`hide_uncertain`); the NPZ holds
-    everything. All files are made under other names first: an old set is replaced as a whole.
+    everything. An old set is replaced as a whole.
     """
     refinement, settings = sampled.refinement, result['settings']
     mean = refinement.map().cropped()
@@ -50,32 +49,25 @@ def write_all(
     if sampled.maps:
         paths['samples'] = folder / f'{name}_samples.npz'
     files = {kind: str(path) for kind, path in paths.items()}
-    # The JSON is in place before the YAML, which is what others look for.
-    paths = {'json': folder / f'{name}.json', **paths}
-    for path in paths.values():
-        if path.is_dir():
-            raise OutputError(f'{path}: is a folder; expected a name for a file')
     shape = {
         'width': mean.spec.width,
         'height': mean.spec.height,
         'origin': [mean.spec.origin_x_m, mean.spec.origin_y_m],
     }
     result.update(shape)
-    writable_folder(folder)
-    with tempfile.TemporaryDirectory(dir=folder, prefix=f'.{name}-') as scratch:
-        at = {kind: Path(scratch) / path.name for kind, path in paths.items()}
+    with replacing_set(folder, name) as scratch:
         layers = _layers(refinement, mean.spec.box)
         shown = hide_uncertain(mean, refinement.prior, sampled.margin, refinement.draws)
-        save_map(shown, Path(scratch), output, name)
-        save_npz(mean, at['npz'], settings, layers)
-        at['entropy'].write_bytes(heat_png(entropy_bits(mean.probability), 1.0))
+        write_map(shown, scratch, output, name)
+        save_npz(mean, scratch / f'{name}.npz', settings, layers)
+        entropy = heat_png(entropy_bits(mean.probability), 1.0)
+        (scratch / paths['entropy'].name).write_bytes(entropy)
         if sampled.maps:
-            save_samples(_unpacked(sampled, mean), at['samples'], sampled.thin, settings)
-        at['json'].write_text(
+            maps = _unpacked(sampled, mean)
+            save_samples(maps, scratch / paths['samples'].name, sampled.thin, settings)
+        (scratch / f'{name}.json').write_text(
             json.dumps({**result, 'files': files}, indent=2) + '\n', encoding='utf-8'
         )
-        for kind, path in paths.items():
-            at[kind].replace(path)
     return files
 
 

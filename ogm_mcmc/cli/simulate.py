@@ -15,7 +15,7 @@ import numpy as np
 from tqdm import tqdm
 
 from ogm_mcmc.cli.option_ranges import Range, check_options
-from ogm_mcmc.cli.options import Subparsers, add_json, print_result
+from ogm_mcmc.cli.options import Subparsers, add_json, add_max_cells, print_result
 from ogm_mcmc.cli.simulated_sensor import add_sensor_options, check_sensor_options, sensor_from
 from ogm_mcmc.cli.simulated_world import (
     add_world_options,
@@ -25,8 +25,10 @@ from ogm_mcmc.cli.simulated_world import (
 )
 from ogm_mcmc.config import OutputConfig
 from ogm_mcmc.errors import OutputError
+from ogm_mcmc.files.output_files import makeable_folder
+from ogm_mcmc.files.user_paths import user_path
 from ogm_mcmc.geometry import GridMap, Pose2D
-from ogm_mcmc.io.map_files import makeable_folder, save_map
+from ogm_mcmc.io.map_files import save_map
 from ogm_mcmc.io.recording_bag import write_localized, write_recording
 from ogm_mcmc.io.sonar_bag import write_sonar_parameters, write_sonar_recording
 from ogm_mcmc.io.world_files import WORLD_NAMES, write_poses
@@ -57,6 +59,7 @@ def add_to(subparsers: Subparsers) -> None:
     parser.add_argument('--seed', type=int, default=1, help='seed of the way and of the noise')
     add_sensor_options(parser)
     add_world_options(parser)
+    add_max_cells(parser)
     add_json(parser)
     parser.set_defaults(run=run)
 
@@ -103,7 +106,7 @@ def _files_beside(options: argparse.Namespace, sensor: Lidar | SonarRing) -> dic
     for path in beside.values():
         if path.is_dir():
             raise OutputError(f'{path}: is a folder; expected a name for a file')
-        if path.exists() and path.resolve() == Path(options.world).resolve():
+        if path.exists() and path.resolve() == user_path(options.world).resolve():
             raise OutputError(f'{path}: is the world itself; expected a new name')
         if path.exists() and not options.overwrite:
             raise OutputError(f'{path}: exists already; expected a new name (or --overwrite)')

@@ -100,6 +100,7 @@ def loaded(options: argparse.Namespace) -> Building | GridWorld:
         resolution_m=options.resolution,
         unknown_occupied=options.unknown == 'occupied',
         world_seed=options.world_seed,
+        most_cells=options.max_cells,
     )
 
 

@@ -15,9 +15,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeGuard, TypeVar, get_type_hints
 
-import yaml
-
 from ogm_mcmc.errors import ConfigError, require
+from ogm_mcmc.files.yaml_files import read_yaml
 
 __all__ = [
     'Setting',
@@ -206,11 +205,7 @@ def read_parameter_file(path: Path, node: str = 'online_mapper') -> dict[str, An
     As ROS does: `/**` for all nodes, then the node's own. Raises ConfigError when the file is
     missing or not such a mapping.
     """
-    try:
-        content = yaml.safe_load(path.read_text(encoding='utf-8'))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        reason = ' '.join(str(error).split())
-        raise ConfigError(f'{path}: expected a readable YAML parameter file ({reason})') from error
+    content = read_yaml(path, 'YAML parameter file', ConfigError)
     if not isinstance(content, dict):
         raise ConfigError(f'{path}: expected a mapping of parameter names to values')
     if not any(_is_node_block(block) for block in content.values()):

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from pathlib import Path
 from typing import NamedTuple
 
 from ogm_mcmc.config import PatchConfig, PatchTableConfig, SamplerConfig
+from ogm_mcmc.errors import PriorError
+from ogm_mcmc.files.user_paths import user_path
 from ogm_mcmc.io.prior_files import default_prior_file, load_prior
 from ogm_mcmc.sampling import CellModel, PosteriorModel, RayWindow
 from ogm_mcmc.sampling.patch_gibbs import PatchModel
@@ -59,7 +60,8 @@ def _patch_prior(
     if patch.prior == 'uniform':
         table = make_table('uniform', patch.size, None, trimming, p_occupied=cell_prior)
         return PatchPrior(table, cell_prior)
-    path = Path(patch.prior_file).expanduser() if patch.prior_file else default_prior_file()
+    file = patch.prior_file
+    path = user_path(file, 'patch.prior_file', PriorError) if file else default_prior_file()
     counts = load_prior(path, resolution_m).counts
     share = float(counts.cells[1] / counts.cells.sum())
     table = make_table(patch.prior, patch.size, counts, trimming, p_occupied=cell_prior)

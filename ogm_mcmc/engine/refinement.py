@@ -29,8 +29,8 @@ from ogm_mcmc.engine.live_map import cells_on, check_lattice, live_map
 from ogm_mcmc.engine.posterior import patch_prior, posterior_model
 from ogm_mcmc.engine.recording import Recording, fingerprint
 from ogm_mcmc.errors import ConfigError, WindowError
+from ogm_mcmc.files.output_files import replacing
 from ogm_mcmc.geometry import GridMap, PlacedScan, Pose2D, Scan
-from ogm_mcmc.io.map_files import replacing
 from ogm_mcmc.sampling import (
     ChainQuality,
     PosteriorSampler,

@@ -11,6 +11,8 @@ from ogm_mcmc.errors import GridError, require
 
 __all__ = ['Reliability', 'brier_score', 'reliability']
 
+PART = 1 << 20
+
 
 class Reliability(NamedTuple):
     """Per bin (B,) of predicted probability: cells, sum of the predictions, occupied cells.
@@ -55,22 +57,29 @@ def reliability(probability: AnyArray, occupied: BoolArray, bins: int = 10) -> R
     require(bins > 0, 'bins', bins, 'expected at least one')
     predictions, truth = _flat(probability, occupied)
     edges = np.linspace(0.0, 1.0, bins + 1)[1:-1]
-    index = np.searchsorted(edges, predictions)
-    return Reliability(
-        np.bincount(index, minlength=bins).astype(np.float64),
-        np.bincount(index, weights=predictions, minlength=bins).astype(np.float64),
-        np.bincount(index, weights=truth, minlength=bins).astype(np.float64),
-    )
+    totals = np.zeros((3, bins))
+    for start in range(0, predictions.size, PART):  # little memory, however many the cells
+        part = predictions[start : start + PART].astype(np.float64)
+        index = np.searchsorted(edges, part)
+        weights = (None, part, truth[start : start + PART])
+        totals += [np.bincount(index, weights=of, minlength=bins) for of in weights]
+    return Reliability(*totals)
 
 
 def brier_score(probability: AnyArray, occupied: BoolArray) -> float:
     """Mean squared difference between probability and truth (0 or 1)."""
     predictions, truth = _flat(probability, occupied)
-    return float(np.mean((predictions - truth) ** 2)) if predictions.size else float('nan')
+    if not predictions.size:
+        return float('nan')
+    total = 0.0
+    for start in range(0, predictions.size, PART):
+        part = slice(start, start + PART)
+        total += float(((predictions[part].astype(np.float64) - truth[part]) ** 2).sum())
+    return total / predictions.size
 
 
-def _flat(probability: AnyArray, occupied: BoolArray) -> tuple[Float64Array, BoolArray]:
-    predictions = np.asarray(probability, np.float64).ravel()
+def _flat(probability: AnyArray, occupied: BoolArray) -> tuple[AnyArray, BoolArray]:
+    predictions = np.asarray(probability).ravel()
     truth = np.asarray(occupied, np.bool_).ravel()
     if predictions.shape != truth.shape:
         raise GridError(

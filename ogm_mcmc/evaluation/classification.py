@@ -107,7 +107,9 @@ def confusion_counts(
     `probability` and `occupied` have the same shape; cells that do not count are left out
     before. Raises GridError for unknown probabilities (nan).
     """
-    scores = np.asarray(probability, np.float64).ravel()
+    given = np.asarray(probability)
+    # Values of 32 bits stay so: a map has many cells, and sorting them is exact.
+    scores = given.ravel() if given.dtype == np.float32 else given.astype(np.float64).ravel()
     truth = np.asarray(occupied, np.bool_).ravel()
     if scores.shape != truth.shape:
         raise GridError(f'{scores.size} probabilities, {truth.size} true cells: expected as many')
@@ -118,10 +120,10 @@ def confusion_counts(
         falling = np.unique(scores)[::-1]
     else:
         # As exact as the probabilities: 0.7 in float32 is a little less than 0.7.
-        kind = np.asarray(probability).dtype if np.asarray(probability).dtype.kind == 'f' else 'd'
-        falling = np.sort(np.asarray(thresholds, kind).astype(np.float64).ravel())[::-1]
+        kind = given.dtype if given.dtype.kind == 'f' else 'd'
+        falling = np.sort(np.asarray(thresholds, kind).astype(scores.dtype).ravel())[::-1]
     return ThresholdCounts(
-        np.ascontiguousarray(falling),
+        np.ascontiguousarray(falling, np.float64),
         (hits.size - np.searchsorted(hits, falling, side='left')).astype(np.float64),
         (others.size - np.searchsorted(others, falling, side='left')).astype(np.float64),
         int(hits.size),

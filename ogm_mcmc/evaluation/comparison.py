@@ -14,7 +14,7 @@ from ogm_mcmc.errors import GridError
 from ogm_mcmc.evaluation.calibration import Reliability, brier_score, reliability
 from ogm_mcmc.evaluation.classification import ThresholdCounts, confusion_counts
 from ogm_mcmc.evaluation.distance import occupied_distance_error
-from ogm_mcmc.evaluation.divergence import divergence, entropy_nats, total_divergence
+from ogm_mcmc.evaluation.divergence import divergence, entropy_nats, summed
 from ogm_mcmc.evaluation.masks import cells_that_count
 from ogm_mcmc.geometry import GridMap
 
@@ -106,7 +106,7 @@ def _figures(of: Comparison, resolution_m: float, config: EvaluationConfig) -> d
     counted, called = of.counted, (of.probability >= config.threshold) & of.counted
     probability, occupied = of.probability[counted], of.occupied[counted]
     at_threshold = confusion_counts(probability, occupied, np.array([config.threshold]))
-    total = total_divergence(of.occupied, of.probability, counted, config.floor)
+    total = summed(of.divergence, of.probability, counted, config.floor)
     walls = of.occupied & counted
     distances = {
         'map_to_truth_m': _fields(occupied_distance_error(called, walls, resolution_m)),

@@ -12,6 +12,7 @@ of 0 nothing is moved and the answer may be inf.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +20,9 @@ import numpy as np
 from ogm_mcmc.arrays import AnyArray, BoolArray, Float64Array
 from ogm_mcmc.errors import GridError, require
 
-__all__ = ['Divergence', 'divergence', 'entropy_nats', 'total_divergence']
+__all__ = ['Divergence', 'divergence', 'entropy_nats', 'summed', 'total_divergence']
+
+PART = 1 << 20
 
 
 class Divergence(NamedTuple):
@@ -36,10 +39,20 @@ def divergence(benchmark: AnyArray, estimate: AnyArray, floor: float = 0.0) -> F
     p log(p / q) + (1 - p) log((1 - p) / (1 - q)), p the benchmark, q the estimate.
     """
     require(0.0 <= floor < 0.5, 'floor', floor, 'expected 0 to below 0.5')
-    p = _probabilities(benchmark, 'benchmark')
-    q = np.clip(_probabilities(estimate, 'estimate'), floor, 1.0 - floor)
+    p, q = (np.asarray(values) for values in (benchmark, estimate))
     if p.shape != q.shape:
         raise GridError(f'benchmark {p.shape} and estimate {q.shape}: expected the same cells')
+    nats = np.empty(p.shape, np.float64)
+    flat, p, q = nats.reshape(-1), p.reshape(-1), q.reshape(-1)
+    for part in _parts(flat.size):
+        flat[part] = _divergence(
+            _probabilities(p[part], 'benchmark'), _probabilities(q[part], 'estimate'), floor
+        )
+    return nats
+
+
+def _divergence(p: Float64Array, q: Float64Array, floor: float) -> Float64Array:
+    q = np.clip(q, floor, 1.0 - floor)
     with np.errstate(divide='ignore', invalid='ignore'):
         occupied = np.where(p == 0.0, 0.0, p * (np.log(p) - np.log(q)))
         free = np.where(p == 1.0, 0.0, (1.0 - p) * (np.log1p(-p) - np.log1p(-q)))
@@ -53,22 +66,39 @@ def total_divergence(
     benchmark: AnyArray, estimate: AnyArray, mask: BoolArray | None = None, floor: float = 0.0
 ) -> Divergence:
     """Sum of the divergence over cells known in both maps, of a mask or of all."""
-    nats = divergence(benchmark, estimate, floor)
+    return summed(divergence(benchmark, estimate, floor), estimate, mask, floor)
+
+
+def summed(
+    nats: Float64Array, estimate: AnyArray, mask: BoolArray | None = None, floor: float = 0.0
+) -> Divergence:
+    """Return the total of a `divergence` that is there already, from this estimate and floor."""
     counted = ~np.isnan(nats)
     if mask is not None:
         counted &= mask
-    q = np.asarray(estimate, np.float64)[counted]
-    clipped = int(((q < floor) | (q > 1.0 - floor)).sum())
+    q = np.asarray(estimate)[counted]
+    clipped = int(((q < np.float64(floor)) | (q > np.float64(1.0 - floor))).sum())
     return Divergence(float(nats[counted].sum()), int(counted.sum()), clipped)
 
 
 def entropy_nats(probability: AnyArray) -> Float64Array:
     """Entropy of every cell, nats; nan stays nan."""
-    p = _probabilities(probability, 'probability')
-    with np.errstate(divide='ignore', invalid='ignore'):
-        occupied = np.where(p == 0.0, 0.0, p * np.log(p))
-        free = np.where(p == 1.0, 0.0, (1.0 - p) * np.log1p(-p))
-    return np.asarray(np.where(np.isnan(p), np.nan, np.abs(occupied + free)), np.float64)
+    given = np.asarray(probability)
+    nats = np.empty(given.shape, np.float64)
+    flat, given = nats.reshape(-1), given.reshape(-1)
+    for part in _parts(flat.size):
+        p = _probabilities(given[part], 'probability')
+        with np.errstate(divide='ignore', invalid='ignore'):
+            occupied = np.where(p == 0.0, 0.0, p * np.log(p))
+            free = np.where(p == 1.0, 0.0, (1.0 - p) * np.log1p(-p))
+        flat[part] = np.where(np.isnan(p), np.nan, np.abs(occupied + free))
+    return nats
+
+
+def _parts(size: int) -> Iterator[slice]:
+    """Yield parts of so many cells that what is computed on the way takes little memory."""
+    for start in range(0, size, PART):
+        yield slice(start, start + PART)
 
 
 def _probabilities(values: AnyArray, name: str) -> Float64Array:

@@ -11,7 +11,7 @@ import yaml
 from PIL import Image, ImageDraw, ImageFont
 
 from ogm_mcmc.errors import MapFileError
-from ogm_mcmc.io.map_files import replacing
+from ogm_mcmc.files.output_files import replacing
 
 __all__ = ['save_side_by_side']
 

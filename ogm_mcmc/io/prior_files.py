@@ -22,8 +22,6 @@ from __future__ import annotations
 
 import dataclasses
 import logging
-import zipfile
-import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -33,7 +31,9 @@ import yaml
 
 from ogm_mcmc.arrays import AnyArray
 from ogm_mcmc.errors import PriorError
-from ogm_mcmc.io.map_files import replacing
+from ogm_mcmc.files.npz_files import TEXT, Field, npz_file
+from ogm_mcmc.files.output_files import replacing
+from ogm_mcmc.files.yaml_files import parse_yaml
 from ogm_mcmc.io.training_maps import MapSource
 from ogm_mcmc.sampling.patch_learning import PatchCounts, WindowCounts
 from ogm_mcmc.sampling.patch_patterns import canonical
@@ -43,17 +43,18 @@ __all__ = ['Prior', 'default_prior_file', 'load_prior', 'resolution_warning', 's
 VERSION = 1
 PATCH_SIZE = 9
 DEFAULT_NAME = 'buildings.npz'
+MOST_COUNTED = 2.0**62
 FIELDS = {
-    'version': ((), 'i'),
-    'patch_size': ((), 'i'),
-    'resolution': ((), 'f'),
-    'cells': ((2,), 'i'),
-    'patches': ((512,), 'i'),
-    'patterns': ((None,), 'i'),
-    'windows': ((None,), 'i'),
-    'dropped': ((), 'i'),
-    'options': ((), 'U'),
-    'sources': ((), 'U'),
+    'version': Field('i'),
+    'patch_size': Field('i'),
+    'resolution': Field('f'),
+    'cells': Field('i', (2,)),
+    'patches': Field('i', (512,)),
+    'patterns': Field('i', (None,)),
+    'windows': Field('i', (None,)),
+    'dropped': Field('i'),
+    'options': TEXT,
+    'sources': TEXT,
 }
 
 logger = logging.getLogger(__name__)
@@ -97,9 +98,9 @@ def load_prior(path: Path, resolution_m: float | None = None) -> Prior:
     fields = _read(path)
     _check(fields, path)
     try:
-        options = yaml.safe_load(str(fields['options']))
-        sources = tuple(MapSource(**item) for item in yaml.safe_load(str(fields['sources'])))
-    except (yaml.YAMLError, TypeError) as error:
+        options = _settings(parse_yaml(str(fields['options'])))
+        sources = tuple(MapSource(**item) for item in parse_yaml(str(fields['sources'])))
+    except (ValueError, TypeError) as error:
         raise PriorError(
             f'{path}: options, sources: expected YAML of settings and maps'
         ) from error
@@ -127,38 +128,26 @@ def resolution_warning(counts: PatchCounts, resolution_m: float) -> str:
     )
 
 
+def _settings(value: Any) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise TypeError('options')
+    return value
+
+
 def _read(path: Path) -> dict[str, AnyArray]:
-    try:
-        with path.open('rb') as stream:
-            data = np.load(stream, allow_pickle=False)
-            if not isinstance(data, np.lib.npyio.NpzFile):
-                raise ValueError('a single array')
-            return {name: data[name] for name in data.files}
-    except (OSError, ValueError, EOFError, zlib.error, zipfile.BadZipFile) as error:
-        reason = ' '.join(str(getattr(error, 'strerror', None) or error).split())
-        raise PriorError(f'{path}: expected a complete prior file, NPZ ({reason})') from error
+    """Read all fields; the version first, since other versions may have other fields."""
+    with npz_file(path, 'a complete prior file, NPZ', PriorError) as held:
+        if 'version' in held.names and held.read('version', FIELDS['version']) != VERSION:
+            found = held.read('version', FIELDS['version'])
+            raise PriorError(f'{path}: version is {found}: expected {VERSION}; learn it anew')
+        missing = [name for name in FIELDS if name not in held.names]
+        if missing:
+            raise PriorError(f'{path}: no field {missing[0]}: expected {", ".join(FIELDS)}')
+        return {name: held.read(name, field) for name, field in FIELDS.items()}
 
 
 def _check(fields: Mapping[str, AnyArray], path: Path) -> None:
-    """Refuse what a table could not be made from, field by field."""
-    version = fields.get('version')
-    if (
-        version is not None
-        and (version.shape, version.dtype.kind) == ((), 'i')
-        and version != VERSION
-    ):
-        raise PriorError(f'{path}: version is {version}: expected {VERSION}; learn it anew')
-    for name, (shape, kind) in FIELDS.items():
-        if name not in fields:
-            raise PriorError(f'{path}: no field {name}: expected {", ".join(FIELDS)}')
-        array = fields[name]
-        fits = array.ndim == len(shape) and all(
-            size in (None, there) for size, there in zip(shape, array.shape, strict=True)
-        )
-        if not fits or array.dtype.kind != kind:
-            raise PriorError(
-                f'{path}: {name} is {array.dtype} {array.shape}: expected {kind} {shape}'
-            )
+    """Refuse what a table could not be made from."""
     if fields['patch_size'] != PATCH_SIZE:
         raise PriorError(f'{path}: patch_size is {fields["patch_size"]}: expected {PATCH_SIZE}')
     if not 0.0 < fields['resolution'] < 1000.0:
@@ -168,15 +157,21 @@ def _check(fields: Mapping[str, AnyArray], path: Path) -> None:
         patterns.size == windows.size > 0
         and patterns.min() >= 0
         and patterns.max() < 2**25
-        and (np.diff(patterns) > 0).all()
+        and (patterns[1:] > patterns[:-1]).all()
         and windows.min() > 0
         and min(fields['cells'].min(), fields['patches'].min(), fields['dropped']) >= 0
-        and fields['cells'].sum() > 0
-        and fields['patches'].sum() > 0
+        and 0 < _total(fields['cells']) < MOST_COUNTED
+        and 0 < _total(fields['patches']) < MOST_COUNTED
+        and _total(windows) < MOST_COUNTED
         and (canonical(patterns, 5) == patterns).all()
     )
     if not consistent:
         raise PriorError(f'{path}: patterns, windows: expected counts of ascending 5 x 5 patterns')
+
+
+def _total(counts: AnyArray) -> float:
+    """Return the sum, which whole numbers of 64 bits may be too short for."""
+    return float(counts.sum(dtype=np.float64))
 
 
 def default_prior_file() -> Path:

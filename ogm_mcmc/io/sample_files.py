@@ -8,7 +8,6 @@ them, row-major from the lower left, 1 occupied; `touched` (ceil(H W / 8),) uint
 
 from __future__ import annotations
 
-import zipfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -18,10 +17,14 @@ import yaml
 
 from ogm_mcmc.arrays import BoolArray, Float32Array, UInt8Array
 from ogm_mcmc.errors import MapFileError
+from ogm_mcmc.files.npz_files import MOST_BYTES, NUMBER, Field, npz_file
+from ogm_mcmc.files.output_files import replacing
 from ogm_mcmc.geometry import GridMap, GridSpec
-from ogm_mcmc.io.map_files import replacing
+from ogm_mcmc.io.map_images import MOST_CELLS
 
 __all__ = ['MapSamples', 'load_samples', 'save_samples']
+
+ORIGIN = Field('fiu', (3,))
 
 
 class MapSamples(NamedTuple):
@@ -55,19 +58,23 @@ def save_samples(samples: MapSamples, path: Path, thin: int, settings: dict[str,
     return path
 
 
-def load_samples(path: Path) -> MapSamples:
-    """Read what `save_samples` wrote. Raises MapFileError."""
-    try:
-        with np.load(path) as data:
-            height, width = map(int, data['shape'])
-            n_cells = height * width
-            maps = np.unpackbits(data['maps'], axis=1, count=n_cells)
-            touched = np.unpackbits(data['touched'], count=n_cells).astype(bool)
-            x, y = map(float, data['origin'][:2])
-            spec = GridSpec(float(data['resolution']), width, height, anchor_x_m=x, anchor_y_m=y)
-            return MapSamples(
-                spec, maps.reshape(-1, height, width), touched.reshape(height, width)
-            )
-    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
-        reason = ' '.join(str(error).split())
-        raise MapFileError(f'{path}: expected an NPZ with map samples ({reason})') from error
+def load_samples(path: Path, most_cells: int = MOST_CELLS) -> MapSamples:
+    """Read what `save_samples` wrote, of at most `most_cells` each. Raises MapFileError."""
+    with npz_file(path, 'an NPZ with map samples', MapFileError) as held:
+        height, width = map(int, held.read('shape', Field('iu', (2,))))
+        resolution, origin = held.read('resolution', NUMBER), held.read('origin', ORIGIN)
+        n_cells = height * width
+        if min(height, width) < 1 or n_cells > most_cells:
+            raise ValueError(f'shape ({height}, {width}): expected 1 to {most_cells} cells')
+        n_bytes = -(-n_cells // 8)
+        touched = held.read('touched', Field('u', (n_bytes,)))
+        maps = held.read('maps', Field('u', (None, n_bytes)))
+        if len(maps) * n_cells > MOST_BYTES:
+            raise ValueError(f'{len(maps)} maps of {n_cells} cells: more than {MOST_BYTES} bytes')
+        if not maps.dtype == touched.dtype == np.uint8:
+            raise ValueError(f'maps is {maps.dtype}, touched {touched.dtype}: expected uint8')
+        x, y = float(origin[0]), float(origin[1])
+        spec = GridSpec(float(resolution), width, height, anchor_x_m=x, anchor_y_m=y)
+    cells = np.unpackbits(maps, axis=1, count=n_cells)
+    known = np.unpackbits(touched, count=n_cells).astype(bool)
+    return MapSamples(spec, cells.reshape(-1, height, width), known.reshape(height, width))

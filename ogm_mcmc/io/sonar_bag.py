@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 import yaml
 
+from ogm_mcmc.files.output_files import replacing
 from ogm_mcmc.geometry import PlacedScan, Pose2D
 from ogm_mcmc.io import ros_types
 from ogm_mcmc.io.bags import BagWriter
-from ogm_mcmc.io.map_files import replacing
 from ogm_mcmc.simulation import SonarRing
 
 __all__ = ['write_sonar_parameters', 'write_sonar_recording']

@@ -12,11 +12,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
 
-from ogm_mcmc.arrays import Int8Array, UInt8Array
+from ogm_mcmc.arrays import Float32Array, Int8Array
 from ogm_mcmc.errors import MapFileError, PriorError
-from ogm_mcmc.io.map_files import YAML_THRESHOLDS, load_map
+from ogm_mcmc.files.image_files import MOST_PIXELS, read_greys
+from ogm_mcmc.io.map_images import load_map, probability_of_greys
 
 __all__ = ['MapSource', 'TrainingMap', 'read_sources', 'read_training_map']
 
@@ -76,19 +76,23 @@ def _resolution(text: str, where: str) -> float:
 
 
 def read_training_map(
-    path: Path, sources: dict[str, MapSource], resolution_m: float = 0.0
+    path: Path,
+    sources: dict[str, MapSource],
+    resolution_m: float = 0.0,
+    most_cells: int = MOST_PIXELS,
 ) -> TrainingMap:
     """Read an image (PNG, PGM, ...) or the YAML of a map.
 
     resolution_m  of images for which neither a YAML nor the sources say it; 0: not known
+    most_cells    larger images are refused before they take memory
     Raises PriorError, in one line, for what is not a map.
     """
     source = sources.get(path.name, MapSource(path.name))
     described = path if path.suffix in ('.yaml', '.yml') else path.with_suffix('.yaml')
     if described.exists() or described == path:
-        states, resolution = _described(described)
+        states, resolution = _described(described, most_cells)
     else:
-        states = _states(_greys(path), path)
+        states = _states(path, most_cells)
         resolution = source.resolution_m or resolution_m
     height, width = states.shape
     if min(height, width) < LEAST_SIDE:
@@ -108,46 +112,37 @@ def read_training_map(
     return TrainingMap(states, resolution, replace(source, resolution_m=resolution))
 
 
-def _described(path: Path) -> tuple[Int8Array, float]:
+def _described(path: Path, most_cells: int) -> tuple[Int8Array, float]:
     """Read states and resolution as nav2_map_server does."""
     try:
-        grid_map = load_map(path)
+        grid_map = load_map(path, most_cells)
     except MapFileError as error:
         raise PriorError(str(error)) from error
-    occupied = grid_map.probability > 0.5
-    states = np.where(np.isnan(grid_map.probability), -1, occupied).astype(np.int8)
-    return states, grid_map.spec.resolution_m
+    return _states_of(grid_map.probability), grid_map.spec.resolution_m
 
 
-def _greys(path: Path) -> UInt8Array:
-    """Grey of each pixel, row 0 at the bottom."""
-    try:
-        with Image.open(path) as image:
-            mode = image.mode
-            pixels = np.asarray(image.convert('RGBA'))[::-1]
-    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
-        reason = ' '.join(str(getattr(error, 'strerror', None) or error).split())
-        raise PriorError(f'{path}: expected a readable image ({reason})') from error
-    if mode.startswith(('I', 'F')):
-        raise PriorError(f'{path}: pixels of mode {mode}: expected 8 bits of grey')
-    if (pixels[..., 3] != 255).any():
-        raise PriorError(f'{path}: has transparent pixels: expected black, white and grey')
-    if (pixels[..., :1] != pixels[..., :3]).any():
-        raise PriorError(f'{path}: has colours: expected a map of black, white and grey')
-    return np.ascontiguousarray(pixels[..., 0])
+def _states_of(probability: Float32Array) -> Int8Array:
+    states = (probability > 0.5).astype(np.int8)
+    states[np.isnan(probability)] = -1
+    return states
 
 
-def _states(greys: UInt8Array, path: Path) -> Int8Array:
+def _states(path: Path, most_cells: int) -> Int8Array:
     """Occupied, free and unknown by nav2's own thresholds; refuses photographs."""
-    counts = np.sort(np.bincount(greys.ravel(), minlength=256))[::-1]
-    share = counts[:GREYS].sum() / greys.size
+    greys = read_greys(path, PriorError, most_cells)
+    if greys.deep:
+        raise PriorError(f'{path}: pixels of 16 bits: expected 8 bits of grey')
+    if greys.opaque is not None:
+        raise PriorError(f'{path}: has transparent pixels: expected black, white and grey')
+    if greys.coloured:
+        raise PriorError(f'{path}: has colours: expected a map of black, white and grey')
+    counts = np.zeros(256, np.int64)
+    for row in greys.grey:  # all at once would take eight bytes a pixel
+        counts += np.bincount(row, minlength=256)
+    share = np.sort(counts)[-GREYS:].sum() / greys.grey.size
     if share < LEAST_SHARE:
         raise PriorError(
             f'{path}: its {GREYS} most frequent greys make up {share:.0%} of the pixels: '
             f'expected a map of black, white and grey ({LEAST_SHARE:.0%} or more)'
         )
-    darkness = (255.0 - greys) / 255.0
-    states = np.full(greys.shape, -1, np.int8)
-    states[darkness < YAML_THRESHOLDS['free_thresh']] = 0
-    states[darkness > YAML_THRESHOLDS['occupied_thresh']] = 1
-    return states
+    return _states_of(probability_of_greys(greys))

@@ -7,7 +7,6 @@ with dotted names. No matter how the tree was stored in memory, this is what it 
 
 from __future__ import annotations
 
-import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +14,9 @@ import yaml
 
 from ogm_mcmc.config import MapperConfig, build, flatten
 from ogm_mcmc.errors import ConfigError, GridError, MapFileError
-from ogm_mcmc.io.map_files import replacing
+from ogm_mcmc.files.npz_files import TEXT, Field, npz_file
+from ogm_mcmc.files.output_files import replacing
+from ogm_mcmc.files.yaml_files import parse_yaml
 from ogm_mcmc.mapping.adaptive import AdaptiveMapper
 from ogm_mcmc.mapping.quadtree_arrays import Leaves
 
@@ -29,6 +30,9 @@ TYPES = {
     'hits': np.dtype(np.float32),
     'misses': np.dtype(np.float32),
 }
+
+ANY_LENGTH = Field('fiu', (None,))
+FURTHEST = 2.0**53
 
 
 def save_tree(method: AdaptiveMapper, path: Path) -> Path:
@@ -44,16 +48,16 @@ def load_tree(path: Path) -> AdaptiveMapper:
 
     Draws from covariances start again at the seed. Raises MapFileError.
     """
+    what = f'an adaptive map, an NPZ with {", ".join(Leaves._fields)} and settings'
+    with npz_file(path, what, MapFileError) as held:
+        settings = parse_yaml(str(held.read('settings', TEXT)))
+        if not isinstance(settings, dict):
+            raise ValueError('settings: expected names and values')
+        arrays = {name: held.read(name, ANY_LENGTH) for name in Leaves._fields}
     try:
-        with np.load(path) as data:
-            arrays = {name: np.array(data[name]) for name in Leaves._fields}
-            settings = yaml.safe_load(str(data['settings']))
         config = build(MapperConfig, settings)
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, yaml.YAMLError) as error:
-        raise MapFileError(
-            f'{path}: expected an adaptive map, an NPZ with '
-            f'{", ".join(Leaves._fields)} and settings ({error})'
-        ) from error
+    except ConfigError as error:
+        raise MapFileError(f'{path}: settings: {error}') from error
     if config.method != 'adaptive':
         raise MapFileError(f'{path}: method is {config.method!r}: expected adaptive')
     shape = arrays['level'].shape
@@ -63,6 +67,9 @@ def load_tree(path: Path) -> AdaptiveMapper:
             raise MapFileError(
                 f'{path}: {name} is {array.dtype} {array.shape}: expected {kind}, one per leaf'
             )
+    for name in ('column', 'row'):
+        if (abs(arrays[name].astype(np.float64)) > FURTHEST).any():
+            raise MapFileError(f'{path}: {name}: expected cells within {FURTHEST:g} of the origin')
     try:
         method = AdaptiveMapper(config)
         method.tree.plant(Leaves(**arrays))

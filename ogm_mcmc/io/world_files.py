@@ -7,12 +7,13 @@ import math
 from collections.abc import Iterable
 from pathlib import Path
 
-import numpy as np
-from PIL import Image
-
 from ogm_mcmc.errors import MapFileError
-from ogm_mcmc.geometry import GridMap, GridSpec, Pose2D
-from ogm_mcmc.io.map_files import load_grid, replacing
+from ogm_mcmc.files.image_files import read_greys
+from ogm_mcmc.files.output_files import replacing
+from ogm_mcmc.files.user_paths import user_path
+from ogm_mcmc.geometry import GridMap, Pose2D
+from ogm_mcmc.io.map_files import load_grid
+from ogm_mcmc.io.map_images import MOST_CELLS, greys_as_map
 from ogm_mcmc.simulation import FLOOR_PLANS, WORLDS, Building, GridWorld, generate_floor
 
 __all__ = ['WORLD_NAMES', 'load_image', 'load_world', 'world_kind', 'write_poses']
@@ -20,9 +21,6 @@ __all__ = ['WORLD_NAMES', 'load_image', 'load_world', 'world_kind', 'write_poses
 WORLD_NAMES = (*sorted(WORLDS), *(f'building-{k + 1}' for k in range(len(FLOOR_PLANS))))
 
 MAP_SUFFIXES = ('.yaml', '.yml', '.npz')
-
-# As nav2 has it: darker than this is occupied, lighter than that is free.
-OCCUPIED_FROM, FREE_TO = 0.65, 0.196
 
 
 def world_kind(name: str) -> str:
@@ -32,11 +30,11 @@ def world_kind(name: str) -> str:
     """
     if name in WORLD_NAMES:
         return 'walls' if name in WORLDS else 'building'
-    if not name or not Path(name).exists():
+    if not name or not user_path(name, 'world', MapFileError).exists():
         raise MapFileError(
             f'world {name!r}: expected {", ".join(WORLD_NAMES)}, or a map YAML, NPZ or image'
         )
-    return 'map' if Path(name).suffix in MAP_SUFFIXES else 'image'
+    return 'map' if user_path(name).suffix in MAP_SUFFIXES else 'image'
 
 
 def load_world(
@@ -45,41 +43,36 @@ def load_world(
     resolution_m: float = 0.05,
     unknown_occupied: bool = True,
     world_seed: int = 0,
+    most_cells: int = MOST_CELLS,
 ) -> Building | GridWorld:
     """Return a world by its name, or from a map YAML, an NPZ or an image file.
 
     `resolution_m` is the side of an image's pixels. Raises MapFileError.
     """
-    kind, path = world_kind(name), Path(name)
+    kind = world_kind(name)
     if kind == 'walls':
         return WORLDS[name]()
     if kind == 'building':
         return generate_floor(int(name.partition('-')[2]), world_seed)
-    grid_map = load_grid(path) if kind == 'map' else load_image(path, resolution_m)
+    path = user_path(name, 'world', MapFileError)
+    if kind == 'map':
+        grid_map = load_grid(path, most_cells)
+    else:
+        grid_map = load_image(path, resolution_m, most_cells)
     world = GridWorld.from_map(grid_map, unknown_occupied=unknown_occupied)
     if world.occupied.all():
         raise MapFileError(f'{path}: no free cell in it; expected some')
     return world
 
 
-def load_image(path: Path, resolution_m: float) -> GridMap:
-    """Read an image as a map: dark is occupied, light free, the rest unknown.
+def load_image(path: Path, resolution_m: float, most_cells: int = MOST_CELLS) -> GridMap:
+    """Read an image as a map as nav2 does: dark is occupied, light free, the rest unknown.
 
     Raises MapFileError.
     """
-    try:
-        with Image.open(path) as image:
-            grey = np.asarray(image.convert('L'), np.float64)[::-1]
-    except (OSError, ValueError, Image.DecompressionBombError) as error:
-        reason = ' '.join(str(error).split())
-        raise MapFileError(f'{path}: expected a readable image ({reason})') from error
     if not (math.isfinite(resolution_m) and resolution_m > 0.0):
         raise MapFileError(f'{path}: resolution is {resolution_m:g}: expected metres per pixel')
-    darkness = (255.0 - grey) / 255.0
-    probability = np.full(grey.shape, np.nan, np.float32)
-    probability[darkness < FREE_TO] = 0.0
-    probability[darkness > OCCUPIED_FROM] = 1.0
-    return GridMap(GridSpec(resolution_m, grey.shape[1], grey.shape[0]), probability)
+    return greys_as_map(read_greys(path, MapFileError, most_cells), resolution_m)
 
 
 def write_poses(path: Path, poses: Iterable[tuple[int, Pose2D]]) -> None:

@@ -37,7 +37,8 @@ from ogm_mcmc import __version__
 from ogm_mcmc.arrays import UInt8Array
 from ogm_mcmc.config import SamplerConfig, StopConfig
 from ogm_mcmc.engine.refinement import Progress, Refinement
-from ogm_mcmc.errors import ClusterError, ConfigError, WindowError
+from ogm_mcmc.errors import ClusterError, ConfigError, PriorError, WindowError
+from ogm_mcmc.files.user_paths import user_path
 from ogm_mcmc.geometry import PlacedScan
 from ogm_mcmc.sampling import PosteriorModel, PosteriorSampler
 from ogm_mcmc.sampling.diagnostics import BatchCounts
@@ -259,7 +260,8 @@ def _problem(config: SamplerConfig, scans: Sequence[PlacedScan], model: Posterio
     # Nothing is sampled from what is believed of a pose beyond its mean.
     plain = [PlacedScan.at(one.scan, one.pose) for one in scans]
     file = config.patch.prior_file
-    prior = Path(file).expanduser().read_bytes() if file else None
+    # It was read before, for the problem at home: what is wrong with it has been said.
+    prior = user_path(file, 'patch.prior_file', PriorError).read_bytes() if file else None
     content = pickle.dumps((config, plain, prior))
     token = hashlib.sha256(content).hexdigest()
     return Problem(content, token, model.index.n_rays, model.n_cells)

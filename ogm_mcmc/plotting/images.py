@@ -41,19 +41,25 @@ def pixels_are_cells(png: bytes, width: int) -> bool:
 
 def probability_png(probability: AnyArray) -> bytes:
     """Black occupied, white free, bluish grey unknown (nan)."""
-    p = np.asarray(probability, np.float64)
-    shade = np.rint(254.0 * (1.0 - np.nan_to_num(p))).astype(np.uint8)
-    shade[~np.isfinite(p)] = 255
+    given = np.asarray(probability)
+    shade = np.empty(given.shape, np.uint8)
+    for row, values in zip(shade, given, strict=True):  # whole, it takes many times the map
+        p = values.astype(np.float64)
+        row[:] = np.rint(254.0 * (1.0 - np.nan_to_num(p)))
+        row[~np.isfinite(p)] = 255
     greys = np.repeat(np.rint(np.linspace(0.0, 255.0, 255)).astype(np.uint8), 3)
     return _png(shade, [*greys.tolist(), *UNKNOWN_COLOUR])
 
 
 def heat_png(values: AnyArray, top: float) -> bytes:
     """White at 0, yellow, red, black from `top` on; bluish grey where nan."""
-    heat = np.asarray(values, np.float64)
-    share = np.clip(np.nan_to_num(heat, nan=0.0, posinf=top) / top, 0.0, 1.0)
-    shade = np.rint(254.0 * share).astype(np.uint8)
-    shade[np.isnan(heat)] = 255
+    given = np.asarray(values)
+    shade = np.empty(given.shape, np.uint8)
+    for row, here in zip(shade, given, strict=True):  # whole, it takes many times the map
+        heat = here.astype(np.float64)
+        share = np.clip(np.nan_to_num(heat, nan=0.0, posinf=top) / top, 0.0, 1.0)
+        row[:] = np.rint(254.0 * share)
+        row[np.isnan(heat)] = 255
     stops = np.array(HEAT, np.float64)
     at = np.linspace(0.0, len(HEAT) - 1.0, 255)
     colours = np.stack(

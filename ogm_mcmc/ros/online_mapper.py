@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 import time
-from pathlib import Path
 from typing import Any
 
 from rcl_interfaces.msg import SetParametersResult
@@ -21,8 +20,10 @@ from ogm_mcmc.config.nodes import (
     OnlineMapperConfig,
 )
 from ogm_mcmc.errors import OgmError
+from ogm_mcmc.files.output_files import replacing_set
+from ogm_mcmc.files.user_paths import user_path
 from ogm_mcmc.geometry import PlacedScan
-from ogm_mcmc.io.map_files import save_map
+from ogm_mcmc.io.map_files import write_map
 from ogm_mcmc.io.tree_files import save_tree
 from ogm_mcmc.mapping import AdaptiveMapper, live_settings
 from ogm_mcmc.pipeline import MappingPipeline, warm_up
@@ -165,15 +166,17 @@ class OnlineMapper(Node):
         if self.pipeline.scans_used == 0:
             response.success, response.message = False, 'no scan was mapped yet: nothing to save'
             return response
-        folder = Path(self.settings.save_directory).expanduser()
+        name = self.settings.save_name
         try:
-            paths = save_map(self.pipeline.map(), folder, self.output, self.settings.save_name)
-            if isinstance(self.pipeline.method, AdaptiveMapper):
-                save_tree(self.pipeline.method, folder / f'{self.settings.save_name}_tree.npz')
+            folder = user_path(self.settings.save_directory, 'save_directory')
+            with replacing_set(folder, name) as scratch:
+                write_map(self.pipeline.map(), scratch, self.output, name)
+                if isinstance(self.pipeline.method, AdaptiveMapper):
+                    save_tree(self.pipeline.method, scratch / f'{name}_tree.npz')
         except OgmError as error:
             response.success, response.message = False, str(error)
         else:
-            response.success, response.message = True, str(paths['yaml'].absolute())
+            response.success, response.message = True, str((folder / f'{name}.yaml').absolute())
         return response
 
     def on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:

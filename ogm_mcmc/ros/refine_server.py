@@ -35,8 +35,10 @@ from ogm_mcmc.engine.recording import Recording
 from ogm_mcmc.engine.refinement import hide_uncertain, warm_up
 from ogm_mcmc.engine.worker import RefinedMap, RefineWorker
 from ogm_mcmc.errors import OgmError
+from ogm_mcmc.files.output_files import writable_folder
+from ogm_mcmc.files.user_paths import user_path
 from ogm_mcmc.geometry import GridMap, GridSpec
-from ogm_mcmc.io.map_files import save_map, writable_folder
+from ogm_mcmc.io.map_files import save_map
 from ogm_mcmc.ros.diagnostics import DIAGNOSTICS_S, Diagnostics
 from ogm_mcmc.ros.latched_grid import LatchedGrid, grid_message
 from ogm_mcmc.ros.parameters import ParameterSet
@@ -105,7 +107,7 @@ class RefineServer(Node):
     def _state_file(self) -> Path | None:
         if not self.settings.state_file:
             return None
-        path = Path(self.settings.state_file).expanduser().absolute()
+        path = user_path(self.settings.state_file, 'state_file').absolute()
         writable_folder(path.parent)  # better said now than when the work is done
         return path
 
@@ -246,9 +248,9 @@ class RefineServer(Node):
             response.success = False
             response.message = 'nothing was refined yet: nothing to save; call ~/refine first'
             return response
-        folder = Path(self.settings.save_directory).expanduser()
         grid_map = self.shown(result).cropped()
         try:
+            folder = user_path(self.settings.save_directory, 'save_directory')
             paths = save_map(grid_map, folder, self.output, self.settings.save_name)
         except OgmError as error:
             response.success, response.message = False, str(error)

@@ -27,6 +27,7 @@ from tqdm import tqdm
 from ogm_mcmc.config import add_arguments, given
 from ogm_mcmc.config.nodes import ReplayConfig
 from ogm_mcmc.errors import BagError, ConfigError
+from ogm_mcmc.files.user_paths import user_path
 from ogm_mcmc.io.bags import BagReader, BagRecord, BagTopic
 from ogm_mcmc.io.messages import time_parts
 from ogm_mcmc.ros.pacing import Pacer
@@ -296,7 +297,8 @@ def replay(options: argparse.Namespace, ros_args: list[str] | None = None) -> in
     nodes: list[Replay] = []
 
     def make() -> Replay:
-        nodes.append(Replay(Path(options.bag).expanduser(), parameter_overrides=overrides))
+        path = user_path(options.bag, 'bag', BagError)
+        nodes.append(Replay(path, parameter_overrides=overrides))
         return nodes[0]
 
     code = run_node(make, ros_args, _spin_while_playing)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
@@ -13,6 +13,7 @@ from numpy.random import Generator
 
 from ogm_mcmc.arrays import AnyArray, BoolArray, Float32Array, UInt8Array
 from ogm_mcmc.errors import WindowError, require
+from ogm_mcmc.files.npz_files import TEXT, Field, NpzFile, npz_file
 from ogm_mcmc.sampling.cell_gibbs import GibbsState
 from ogm_mcmc.sampling.diagnostics import BatchCounts, ChainQuality, assess
 from ogm_mcmc.sampling.gibbs_kernels import add_occupied
@@ -176,25 +177,21 @@ class PosteriorSampler:
         `accept` sees the settings first, and raises WindowError when they are not those wanted.
         Raises WindowError, too, when the file is no such file or is of another window.
         """
-        try:
-            with path.open('rb') as stream, np.load(stream) as data:
-                header = json.loads(str(data['header']))
-                accept(header['settings'])
-                _check_window(path, header, model)
-                sampler = cls(model, [], seed=0, burn_in=header['burn_in'])
-                sampler.sweeps = header['sweeps']
-                for j in range(header['chains']):
-                    sampler.states.append(model.start(_cells_in(data[f'cells_{j}'], model)))
-                    sampler.counts.append(_counts_in(data, j, model.touched.size))
-                    rng = np.random.default_rng()
-                    rng.bit_generator.state = header['generators'][j]
-                    sampler.rngs.append(rng)
+        with npz_file(path, 'a saved sampling state', WindowError) as held:
+            header = json.loads(str(held.read('header', TEXT)))
+            accept(header['settings'])
+            _check_window(path, header, model)
+            sampler = cls(model, [], seed=0, burn_in=int(header['burn_in']))
+            sampler.sweeps = int(header['sweeps'])
+            for j in range(min(int(header['chains']), len(header['generators']))):
+                sampler.states.append(model.start(_cells_in(held, j, model)))
+                sampler.counts.append(_counts_in(held, j, model.touched.size))
+                rng = np.random.default_rng()
+                rng.bit_generator.state = header['generators'][j]
+                sampler.rngs.append(rng)
+            if len(sampler.states) != header['chains']:
+                raise ValueError(f'{header["chains"]} chains: expected as many generators')
             sampler._check_loaded(path, header['log_likelihoods'])
-        except WindowError:
-            raise
-        except Exception as error:  # a damaged archive fails in more ways than can be listed
-            reason = ' '.join(str(error).split()) or type(error).__name__
-            raise WindowError(f'{path}: expected a saved sampling state ({reason})') from error
         return sampler, header['settings']
 
     def _check_loaded(self, path: Path, log_likelihoods: list[float]) -> None:
@@ -209,21 +206,22 @@ class PosteriorSampler:
             )
 
 
-def _cells_in(packed: AnyArray, model: PosteriorModel) -> UInt8Array:
-    if packed.shape != ((model.n_cells + 7) // 8,):
-        raise ValueError(f'a map of {packed.size} bytes: expected {(model.n_cells + 7) // 8}')
+def _cells_in(held: NpzFile, chain: int, model: PosteriorModel) -> UInt8Array:
+    packed = held.read(f'cells_{chain}', Field('u', ((model.n_cells + 7) // 8,)))
     cells: UInt8Array = np.unpackbits(packed, count=model.n_cells)
     return cells
 
 
-def _counts_in(data: Mapping[str, AnyArray], chain: int, n_touched: int) -> BatchCounts:
-    counts, held = BatchCounts(n_touched), data[f'counts_{chain}']
-    if held.shape != counts.counts.shape or held.dtype not in (np.uint16, np.uint32):
-        raise ValueError(f'counts {held.dtype} {held.shape}: expected {counts.counts.shape}')
-    counts.counts = held
-    counts.batch_length, counts.full, counts.in_last = map(int, data[f'progress_{chain}'])
-    if not (0 <= counts.full < len(held) and 0 <= counts.in_last < counts.batch_length):
-        raise ValueError(f'batches {data[f"progress_{chain}"]}: expected a row to go on with')
+def _counts_in(held: NpzFile, chain: int, n_touched: int) -> BatchCounts:
+    counts = BatchCounts(n_touched)
+    rows = held.read(f'counts_{chain}', Field('u', counts.counts.shape))
+    if rows.dtype not in (np.uint16, np.uint32):
+        raise ValueError(f'counts_{chain} is {rows.dtype}: expected uint16 or uint32')
+    progress = held.read(f'progress_{chain}', Field('iu', (3,)))
+    counts.counts = rows
+    counts.batch_length, counts.full, counts.in_last = map(int, progress)
+    if not (0 <= counts.full < len(rows) and 0 <= counts.in_last < counts.batch_length):
+        raise ValueError(f'batches {progress}: expected a row to go on with')
     return counts
 
 

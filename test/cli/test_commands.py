@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import yaml
 
+from ogm_mcmc.cli.main import run
 from ogm_mcmc.io.map_files import load_map
 
 CARMEN = (
@@ -282,3 +283,16 @@ def test_map_names_stay_inside_the_folder(run_cli, office_bag, tmp_path, name):
     done = run_cli('map', office_bag, '-o', 'maps', '--name', name)
     assert 'expected a file name' in error_of(done)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ('option', 'reason'),
+    [('~nosuchuser/maps', 'home directory'), ('x' * 300, 'at most 255 bytes'), ('', 'is empty')],
+)
+def test_a_path_that_cannot_be_is_named_with_its_option(capsys, option, reason):
+    with pytest.raises(SystemExit) as stopped:
+        run(['map', 'bag', '-o', option])
+    assert stopped.value.code == 2
+    error = capsys.readouterr().err.splitlines()[-1]
+    assert error.startswith('ogm_mcmc map: error: argument -o: ')
+    assert reason in error

@@ -311,7 +311,7 @@ def test_probabilities_come_back_from_a_file(maps):
         (['notes.npz', '--truth', 'truth.yaml'], 'expected an NPZ with probability'),
         (['other.npz', '--truth', 'truth.yaml'], 'expected an NPZ with probability'),
         (['wild.npz', '--truth', 'truth.yaml'], 'expected values from 0 to 1'),
-        (['flat.npz', '--truth', 'truth.yaml'], 'expected (height, width)'),
+        (['flat.npz', '--truth', 'truth.yaml'], '(any, any)'),
         (['notes.txt', '--truth', 'truth.yaml'], 'expected a map YAML (.yaml) or'),
         (['map.npz', '--truth', 'coarse.yaml'], 'resolution of the map is 0.1 m'),
         (['map.npz', '--truth', 'truth.yaml', '--mask', 'some'], 'some'),

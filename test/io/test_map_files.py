@@ -1,6 +1,5 @@
 """Map files: their bytes, their YAML, and what nav2_map_server makes of them."""
 
-import contextlib
 import math
 
 import numpy as np
@@ -12,15 +11,9 @@ from PIL import Image
 
 from ogm_mcmc.config import OutputConfig
 from ogm_mcmc.errors import OutputError
+from ogm_mcmc.files.output_files import writable_folder
 from ogm_mcmc.geometry import GridMap, GridSpec
-from ogm_mcmc.io.map_files import (
-    folder_to_fill,
-    load_map,
-    replacing,
-    save_map,
-    save_npz,
-    writable_folder,
-)
+from ogm_mcmc.io.map_files import load_map, save_map, save_npz
 
 SPEC = GridSpec(0.05, 3, 2, column0=-7, row0=11, anchor_x_m=0.1, anchor_y_m=-20.3)
 # The second row is the one of higher y.
@@ -32,7 +25,7 @@ DEFAULT = OutputConfig()
 def nav2_trinary(path):
     """Read a map as nav2_map_server's trinary mode does, written independently of the package.
 
-    p = (255 - x) / 255, or x / 255 with negate; occupied above occupied_thresh, else free below
+    p = (255 - x) / 255, or x / 255 with negate; occupied from occupied_thresh on, free up to
     free_thresh, else unknown. Rows come out lowest y first: 100, 0 or -1.
     """
     fields = yaml.safe_load(path.read_text())
@@ -45,7 +38,7 @@ def nav2_trinary(path):
         row = []
         for x in pixels[top : top + width]:
             p = x / 255.0 if fields['negate'] else (255 - x) / 255.0
-            occupied, free = p > fields['occupied_thresh'], p < fields['free_thresh']
+            occupied, free = p >= fields['occupied_thresh'], p <= fields['free_thresh']
             row.append(100 if occupied else 0 if free else -1)
         rows.insert(0, row)
     return rows
@@ -177,27 +170,6 @@ def test_place_that_cannot_be_written_to(tmp_path, folder):
     assert (tmp_path / 'file').read_text() == 'mine'
 
 
-@pytest.mark.parametrize('error', [None, OutputError, KeyboardInterrupt])
-def test_only_folders_made_for_nothing_go(tmp_path, error):
-    (tmp_path / 'mine').mkdir()
-    with (
-        contextlib.suppress(OutputError, KeyboardInterrupt),
-        folder_to_fill(tmp_path / 'mine' / 'new' / 'empty') as folder,
-    ):
-        assert folder.is_dir()
-        if error:
-            raise error
-    with folder_to_fill(tmp_path / 'mine'):
-        pass
-    assert [path.name for path in tmp_path.rglob('*')] == ['mine']
-    with folder_to_fill(tmp_path / 'mine' / 'new' / 'full') as folder:
-        (folder / 'result').touch()
-    assert (tmp_path / 'mine' / 'new' / 'full' / 'result').exists()
-    with pytest.raises(OutputError), folder_to_fill(tmp_path / 'mine/new/full/result/more'):
-        pass
-    assert (tmp_path / 'mine' / 'new' / 'full' / 'result').is_file()
-
-
 def test_name_that_is_taken_by_a_folder(tmp_path):
     (tmp_path / 'map.yaml').mkdir()
     with pytest.raises(OutputError, match=r'map\.yaml: is a folder'):
@@ -217,28 +189,3 @@ def test_npz_round_trip(tmp_path, name):
         assert stored['resolution'] == SPEC.resolution_m
         assert stored['origin'].tolist() == [SPEC.origin_x_m, SPEC.origin_y_m, 0.0]
         assert yaml.safe_load(str(stored['settings'])) == settings
-
-
-@pytest.mark.parametrize('error', [RuntimeError, KeyboardInterrupt, OSError])
-def test_replacing_leaves_nothing_behind(tmp_path, error):
-    path = tmp_path / 'result.txt'
-    path.write_text('old')
-    expected = OutputError if error is OSError else error
-    with pytest.raises(expected), replacing(path) as temporary:  # noqa: PT012
-        temporary.write_text('half')
-        raise error('stop')
-    assert [found.name for found in tmp_path.iterdir()] == ['result.txt']
-    assert path.read_text() == 'old'
-
-
-def test_replacing_puts_the_file_in_place(tmp_path):
-    path = tmp_path / 'result.txt'
-    ordinary = tmp_path / 'ordinary.txt'
-    ordinary.write_text('as always')
-    with replacing(path) as temporary:
-        temporary.write_text('new')
-        assert not path.exists()
-        assert temporary.parent == tmp_path
-    assert path.read_text() == 'new'
-    assert path.stat().st_mode == ordinary.stat().st_mode
-    assert len(list(tmp_path.iterdir())) == 2

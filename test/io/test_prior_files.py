@@ -123,7 +123,7 @@ def test_what_is_no_prior_file(tmp_path, saved):
     saved.write_bytes(damaged)
     assert 'expected a complete prior file' in message_of(saved)
     np.save(tmp_path / 'array.npy', np.arange(3))
-    assert 'a single array' in message_of(tmp_path / 'array.npy')
+    assert 'not a zip file' in message_of(tmp_path / 'array.npy')
     np.savez(saved, version=np.array([{'not': 'a number'}], dtype=object))
     assert 'expected a complete prior file' in message_of(saved)
     np.savez(saved, probability=np.zeros((3, 3)))

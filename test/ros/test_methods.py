@@ -188,6 +188,21 @@ def test_an_adaptive_map_is_shown_and_saved_with_its_tree(tmp_path):
         assert process.stop() == 0, process.output
 
 
+def test_a_place_that_cannot_be_saved_to_is_answered():
+    """The node goes on: the answer says in a line what is wrong with the path."""
+    with node(save_directory='~nosuchuser/maps') as process, Observer() as observer:
+        feed = Feed(observer, ('scan', 'pose'))
+        for k in range(10):
+            feed.pose(1.0 + k)
+            feed.scan(1.0 + k, *[2.0] * 5)
+        feed.expect({(2.05, 0.05): 100})
+        for _ in range(2):
+            saved = observer.call(Trigger, 'online_mapper/save_map', Trigger.Request())
+            assert not saved.success
+            assert saved.message.startswith("save_directory is '~nosuchuser/maps': ")
+        assert process.stop() == 0, process.output
+
+
 def test_a_random_field_shows_what_lies_beside_a_beam():
     with node(method='random_field') as process, Observer() as observer:
         feed = Feed(observer, ('scan', 'pose'))

@@ -376,6 +376,7 @@ def test_parameters_while_running(walks):
         ({'chain.burn_in': 2000}, 'max_sweeps is 2000: expected more than burn_in (2000)'),
         ({'r_hat': 0.9}, 'r_hat is 0.9: expected more than 1'),
         ({'free_thresh': 0.9}, 'free_thresh'),
+        ({'state_file': '~nosuchuser/chains.npz'}, "state_file is '~nosuchuser/chains.npz'"),
         ({'state_file': '/proc/none/chains.npz'}, '/proc/none: expected a writable folder'),
     ],
 )

@@ -25,7 +25,7 @@ from tqdm import tqdm
 
 from ogm_mcmc import __version__
 from ogm_mcmc.errors import ConfigError, OgmError
-from ogm_mcmc.io.map_files import replacing, writable_folder
+from ogm_mcmc.files.output_files import replacing, writable_folder
 from ogm_mcmc.lab.experiments.worker_pool import signals_later, worker_pool
 
 __all__ = [

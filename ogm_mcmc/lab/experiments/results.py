@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ogm_mcmc.io.map_files import replacing, writable_folder
+from ogm_mcmc.files.output_files import replacing, writable_folder
 from ogm_mcmc.plotting import Page, Picture
 
 __all__ = [

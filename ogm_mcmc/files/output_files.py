@@ -1,0 +1,242 @@
+"""Write files so that a reader finds the old one or the new one, whole, whenever it looks.
+
+Everything is made in a hidden folder beside its place and written through to the disk before it
+is renamed. That folder is named after host and process, so the next save into the same place
+can remove what a process left that was killed.
+
+Sets: readers of a map start at its YAML, which names the image. Both names are to stay, and two
+files cannot be renamed at once. So the YAML changes twice: first it comes to name the new image
+under a name of its own, then the image takes its usual name, and the YAML with it. At any moment
+the YAML names an image that belongs to it. (To remove the old YAML first would be simpler; but a
+process killed in between, or a power cut, would leave a robot without any map.) What no order
+can give: a reader that has read the YAML and opens the image only after the switch finds the new
+image. All other files of a set are replaced before, one by one; each is whole by itself.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import platform
+import re
+import shutil
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import yaml
+
+from ogm_mcmc.errors import OutputError
+from ogm_mcmc.files.user_paths import possible_path
+from ogm_mcmc.files.yaml_files import parse_yaml
+
+__all__ = [
+    'checked_name',
+    'folder_to_fill',
+    'makeable_folder',
+    'replacing',
+    'replacing_set',
+    'writable_folder',
+]
+
+LEFTOVER = re.compile(r'\.ogm_mcmc-(?P<host>[A-Za-z0-9_]*)-(?P<pid>[0-9]+)-[A-Za-z0-9_]+')
+
+
+@contextlib.contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """Yield a temporary path of the same name that takes the place of `path` if all went well.
+
+    Raises OutputError when the place cannot be written to; nothing half-written is left.
+    """
+    with _said(path), _scratch(path.parent) as scratch:
+        temporary = scratch / path.name
+        yield temporary
+        _refuse_folder(path)
+        _write_through(temporary)
+        os.replace(temporary, path)
+        _write_through(path.parent)
+
+
+@contextlib.contextmanager
+def replacing_set(folder: Path, name: str, without: Sequence[str] = ()) -> Iterator[Path]:
+    """Yield a folder for new files; they replace those of the same names in `folder`, as a set.
+
+    name     of the map; its YAML (NAME.yaml, which names the image) comes last, if there is one
+    without  names of files that are no part of the set any more
+    Raises OutputError; a failure before the first file is in its place leaves all as it was.
+    """
+    checked_name(name)
+    with _said(folder), _scratch(writable_folder(folder)) as scratch:
+        yield scratch
+        made = sorted(path.name for path in scratch.iterdir())
+        for one in made:
+            _refuse_folder(folder / one)
+            _write_through(scratch / one)
+        described = f'{name}.yaml'
+        image = _image_of(scratch / described) if described in made else None
+        for one in made:
+            if one not in (described, image):
+                os.replace(scratch / one, folder / one)
+        if described in made:
+            _switch(scratch, folder, described, image)
+        for one in without:
+            (folder / one).unlink(missing_ok=True)
+        _write_through(folder)
+
+
+def _switch(scratch: Path, folder: Path, described: str, image: str | None) -> None:
+    """Put a YAML and its image in place of others; see the top of this file."""
+    if image is None or not (scratch / image).exists():
+        os.replace(scratch / described, folder / described)
+        return
+    # Hidden, and no name that a set can have: `checked_name`.
+    between = f'.{Path(image).stem}-next{Path(image).suffix}'
+    named = _image_of(folder / described)
+    if named is not None and (folder / named).resolve() == (folder / image).resolve():
+        fields = parse_yaml((scratch / described).read_text(encoding='utf-8'))
+        first = scratch / f'{between}.yaml'
+        first.write_text(_dumped({**fields, 'image': between}), encoding='utf-8')
+        _write_through(first)
+        shutil.copyfile(scratch / image, scratch / between)
+        _write_through(scratch / between)
+        os.replace(scratch / between, folder / between)
+        _write_through(folder)
+        os.replace(first, folder / described)
+        _write_through(folder)
+    os.replace(scratch / image, folder / image)
+    _write_through(folder)
+    os.replace(scratch / described, folder / described)
+    _write_through(folder)
+    (folder / between).unlink(missing_ok=True)
+
+
+def _dumped(fields: dict[str, object]) -> str:
+    text: str = yaml.safe_dump(fields, sort_keys=False, default_flow_style=None)
+    return text
+
+
+def _image_of(path: Path) -> str | None:
+    """Return which image a map YAML names; None where it is none or cannot be read."""
+    try:
+        fields = parse_yaml(path.read_text(encoding='utf-8'))
+    except (OSError, ValueError):
+        return None
+    return str(fields['image']) if isinstance(fields, dict) and 'image' in fields else None
+
+
+@contextlib.contextmanager
+def _said(path: Path) -> Iterator[None]:
+    """Turn an OSError into one line about a place."""
+    try:
+        yield
+    except OutputError:
+        raise
+    except OSError as error:
+        reason = error.strerror or error
+        raise OutputError(f'{path}: cannot be written ({reason})') from error
+
+
+@contextlib.contextmanager
+def _scratch(folder: Path) -> Iterator[Path]:
+    """Yield a hidden folder inside of another; remove it in the end, and those of the dead."""
+    _remove_leftovers(folder)
+    with tempfile.TemporaryDirectory(
+        dir=folder, prefix=f'.ogm_mcmc-{_host()}-{os.getpid()}-', ignore_cleanup_errors=True
+    ) as name:
+        yield Path(name)
+
+
+def _host() -> str:
+    return re.sub('[^A-Za-z0-9]', '_', platform.node())[:60]
+
+
+def _remove_leftovers(folder: Path) -> None:
+    """Remove what processes of this host left behind that are no more."""
+    with os.scandir(folder) as entries:
+        names = [entry.name for entry in entries if entry.name.startswith('.ogm_mcmc-')]
+    for name in names:
+        found = LEFTOVER.fullmatch(name)
+        if found and found['host'] == _host() and not _lives(int(found['pid'])):
+            shutil.rmtree(folder / name, ignore_errors=True)
+
+
+def _lives(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except (OSError, OverflowError):  # somebody else's
+        return True
+    return True
+
+
+def _write_through(path: Path) -> None:
+    """Have a file or folder written to the disk itself, so that a power cut finds it there."""
+    handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        os.fsync(handle)
+    except OSError:
+        if not path.is_dir():  # some file systems cannot do it for folders
+            raise
+    finally:
+        os.close(handle)
+
+
+def _refuse_folder(path: Path) -> None:
+    if path.is_dir():
+        raise OutputError(f'{path}: is a folder; expected a name for a file')
+
+
+def writable_folder(path: Path) -> Path:
+    """Make a folder, parents included, and check that files can be made in it.
+
+    Raises OutputError otherwise; call it before long work, so that none is lost.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=path):
+            pass
+    except (OSError, ValueError) as error:
+        reason = getattr(error, 'strerror', None) or error
+        raise OutputError(f'{path}: expected a writable folder ({reason})') from error
+    return path
+
+
+@contextlib.contextmanager
+def folder_to_fill(path: Path) -> Iterator[Path]:
+    """Make a folder as `writable_folder` does; what was made for nothing goes again.
+
+    That is the folder, and parents that were not there before, if they are empty in the end.
+    """
+    new = [one for one in (path, *path.parents) if not os.path.lexists(one)]
+    try:
+        yield writable_folder(path)
+    finally:
+        with contextlib.suppress(OSError):
+            for one in new:
+                one.rmdir()
+
+
+def makeable_folder(path: Path) -> Path:
+    """Check that `writable_folder` will succeed, without making any: work may fail before.
+
+    Raises OutputError.
+    """
+    there = possible_path(path)
+    while not os.path.exists(there) and there != there.parent:
+        there = there.parent
+    try:
+        with tempfile.TemporaryFile(dir=there):
+            pass
+    except (OSError, ValueError) as error:
+        reason = getattr(error, 'strerror', None) or error
+        raise OutputError(f'{there}: expected a writable folder ({reason})') from error
+    return path
+
+
+def checked_name(name: str) -> str:
+    """Return a name for map files; raises OutputError unless it is a plain file name."""
+    plain = name and not name.startswith('.') and '\0' not in name and Path(name).name == name
+    if not plain:
+        raise OutputError(f'name of the map is {name!r}: expected a file name without folders')
+    return name
