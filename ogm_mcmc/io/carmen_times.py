@@ -55,7 +55,7 @@ def in_order_of_the_file(times_s: Sequence[float]) -> MendedTimes:
         latest = max(latest, time + offset)
         mended.append(latest)
         before = time
-    return MendedTimes(mended, -times_s[0], jumps)
+    return MendedTimes(mended, 0.0 - times_s[0], jumps)
 
 
 def strictly_increasing(

@@ -144,7 +144,12 @@ def test_codes_that_tremble():
     """51.15 with neighbours, and 50.0 beside: as a public log has them; 50.5 is a hit."""
     rng = np.random.default_rng(3)
     codes = [51.15] * 90 + [51.14] * 30 + [51.11] * 12 + [51.16] * 2 + [50.0] * 10
-    scans = drive(60, lambda k: [*with_codes(rng, codes), 50.5 if k == 7 else 2.0])
+
+    def readings(k):
+        hits = np.round(rng.uniform(1.0, 45.0, 160), 2)
+        return [*hits, *rng.choice(codes, 20), 50.5 if k == 7 else 2.0]
+
+    scans = drive(60, readings)
     reach = laser_range(scans)
     codes_and_hit = np.array([51.15, 51.14, 51.11, 51.16, 50.0, 50.5, 12.0])
     assert reach.missing(codes_and_hit).tolist() == [True] * 5 + [False] * 2
