@@ -14,6 +14,8 @@ __all__ = ['add_to', 'describe']
 # A `repeat_step` of no time at all would leave stamps as they are.
 RANGES = {
     'range_max': Range(0, 100_000, 'm'),
+    'no_return_from': Range(0, 100_000, 'm'),
+    'field_of_view': Range(0, 360, 'degrees'),
     'particles': Range(0, 1_000_000),
     'repeat_step': Range(1e-6, 3600, 's'),
     'time_offset': Range(-(2.0**31), 2.0**31, 's'),
@@ -27,6 +29,19 @@ def add_to(subparsers: Subparsers) -> None:
     parser.add_argument('-o', '--output', type=Path, required=True, help='rosbag2 to make')
     parser.add_argument('--overwrite', action='store_true', help='replace an existing bag')
     parser.add_argument('--range-max', type=float, default=0.0, help='range_max of the scans, m')
+    parser.add_argument(
+        '--no-return-from',
+        type=float,
+        default=0.0,
+        help='readings of so many m or more hit nothing; 0: found out from the log',
+    )
+    parser.add_argument(
+        '--field-of-view',
+        type=float,
+        default=0.0,
+        help='degrees from the first to the last reading, the middle one straight ahead, where '
+        'the log names no angles; 0: by the number of readings',
+    )
     parser.add_argument(
         '--particles', type=int, default=0, help='particles per scan; 0: as many as in the log'
     )
@@ -43,6 +58,8 @@ def run(options: argparse.Namespace) -> int:
     check_options(options, RANGES)
     choices = ImportOptions(
         range_max_m=options.range_max,
+        no_return_from_m=options.no_return_from,
+        field_of_view_deg=options.field_of_view,
         particles=options.particles,
         repeat_step_s=options.repeat_step,
         time_offset_s=options.time_offset,
@@ -55,7 +72,8 @@ def run(options: argparse.Namespace) -> int:
 def describe(summary: ImportSummary) -> str:
     """Say what was read and what was mended."""
     share = summary.no_return / max(1, summary.readings)
-    codes = ', '.join(f'{count} at {code} m' for code, count in summary.no_return_codes_m.items())
+    codes = ', '.join(f'value {code}, {n}' for code, n in summary.no_return_codes_m.items())
+    rules = ' / '.join(dict.fromkeys(summary.no_return_rules.values()))
     scans = ', '.join(f'{count} on {topic}' for topic, count in summary.scans.items())
     reach = ', '.join(f'{value:g}' for value in summary.range_max_m.values())
     lines = [
@@ -63,7 +81,7 @@ def describe(summary: ImportSummary) -> str:
         f'  scans         {scans}; {summary.beams} beams, {summary.angle_increment_deg} degrees '
         f'apart, range_max {reach} m',
         f'  no return     {summary.no_return} of {summary.readings} readings ({share:.1%}) -> inf'
-        + (f': {codes}' if codes else ''),
+        + (f': {codes} ({rules})' if codes else ''),
     ]
     if summary.particles_per_scan:
         lines.append(f'  particles     {summary.particles_per_scan} per scan')
@@ -99,4 +117,24 @@ def _mended(summary: ImportSummary) -> list[str]:
             f'  echoes        {summary.odometry_echoes} ODOM lines that only repeat the scan '
             'before them, without a time of their own: left out'
         )
+    if summary.clock_shift_s or summary.clock_jumps:
+        mended.append(
+            f'  clock         shifted by {summary.clock_shift_s:.12g} s to start at 0, '
+            f'{summary.clock_jumps} jumps closed: in the order of the file'
+        )
+    if summary.damaged_lines:
+        mended.append(
+            f'  left out      {summary.damaged_lines} lines that cannot be used, '
+            f'the first: {summary.first_damage}'
+        )
+    if summary.without_angles:
+        counts = ', '.join(f'{n} of {beams}' for beams, n in summary.without_angles.items())
+        mended.append(
+            f'  no angles     scans by number of readings, left out: {counts}; '
+            '--field-of-view gives them angles'
+        )
+    if summary.without_particles:
+        mended.append(f'  no particles  {summary.without_particles} scans without: left out')
+    if summary.cut:
+        mended.append(f'  cut off       {summary.cut}: what comes before it is imported')
     return mended or ['  mended        nothing']

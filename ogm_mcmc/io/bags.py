@@ -238,6 +238,19 @@ class BagWriter:
         with self._explained():
             self._writer.write(self._connections[topic], time_ns, data)
 
+    def _put_in_place(self) -> None:
+        """Move the complete bag to its name; one that was there goes only after that."""
+        new, old = self._folder / self.path.name, self._folder / '.old'
+        if not self.path.exists():
+            new.replace(self.path)
+            return
+        self.path.replace(old)
+        try:
+            new.replace(self.path)
+        except BaseException:
+            old.replace(self.path)
+            raise
+
     def __exit__(
         self,
         kind: type[BaseException] | None,
@@ -249,8 +262,6 @@ class BagWriter:
             with self._explained():
                 self._writer.__exit__(kind, error, trace)
                 if kind is None:
-                    if self.path.exists():
-                        shutil.rmtree(self.path)
-                    (self._folder / self.path.name).replace(self.path)
+                    self._put_in_place()
         finally:
             shutil.rmtree(self._folder, ignore_errors=True)

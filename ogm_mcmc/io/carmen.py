@@ -2,13 +2,12 @@
 
 Lines read: FLASER, RLASER (old), ROBOTLASERn (new), ODOM, PARAM, and of GMapping's full output
 LASER_READING, SM_UPDATE and RESAMPLE. Everything else is counted and left alone. Values stay as
-in the file; what they mean in ROS is decided in `carmen_import`.
+in the file; what they mean in ROS is decided in `carmen_import`. A damaged line costs that line.
 """
 
 from __future__ import annotations
 
 import gzip
-import math
 import zlib
 from collections import Counter
 from dataclasses import dataclass, field
@@ -16,50 +15,17 @@ from pathlib import Path
 
 import numpy as np
 
-from ogm_mcmc.arrays import Float64Array, Int64Array
+from ogm_mcmc.arrays import Float64Array
 from ogm_mcmc.errors import LogError, PoseError
-from ogm_mcmc.geometry import Pose2D, PoseSamples
+from ogm_mcmc.geometry import PoseSamples
+from ogm_mcmc.io.carmen_lines import LineParser, LogOdometry, LogScan, fault
 
 __all__ = ['CarmenLog', 'LogOdometry', 'LogScan', 'particle_weights', 'read_carmen']
 
 # An ODOM line with the pose of the scan before it is odometry if it comes within this time.
 ECHO_AFTER_S = 5.0
 
-# CARMEN's rule for the old format, which names no angles: a SICK starts at -90 degrees and its
-# number of readings tells the resolution.
-OLD_FORMAT_STEP_DEG = {180: 1.0, 181: 1.0, 360: 0.5, 361: 0.5, 401: 0.25}
-
-
-@dataclass(slots=True)
-class LogScan:
-    """One laser line; `max_range_m` 0 where the format does not name it.
-
-    Of GMapping: `particles` after the scan, with their `log_weights` as printed; `parents` where
-    the filter was resampled after that: the particle each of the next ones descends from.
-    """
-
-    line: int
-    laser: str
-    time_s: float
-    ranges_m: Float64Array
-    start_angle_rad: float
-    increment_rad: float
-    max_range_m: float
-    laser_pose: Pose2D
-    particles: PoseSamples | None = None
-    log_weights: Float64Array | None = None
-    parents: Int64Array | None = None
-
-
-@dataclass(slots=True)
-class LogOdometry:
-    """One ODOM line."""
-
-    line: int
-    time_s: float
-    pose: Pose2D
-    speed_m_s: float = 0.0
-    turn_rad_s: float = 0.0
+LASER_KINDS = ('FLASER', 'RLASER', 'ROBOTLASER', 'LASER_READING')
 
 
 @dataclass
@@ -72,6 +38,11 @@ class CarmenLog:
     left_alone: Counter[str] = field(default_factory=Counter)
     gmapping: bool = False
     echoes: int = 0  # ODOM lines that only repeat the scan before them, see `_LineReader.is_echo`
+    damaged: int = 0  # lines left out, the first of them in words
+    first_damage: str = ''
+    without_angles: Counter[int] = field(default_factory=Counter)  # scans left out, by readings
+    without_particles: int = 0  # scans left out, of a log whose other scans have particles
+    cut: str = ''  # what ends the file too early
 
     @property
     def scans(self) -> list[LogScan]:
@@ -90,68 +61,146 @@ def particle_weights(log_weights: Float64Array) -> Float64Array:
     return weights
 
 
-def read_carmen(path: Path) -> CarmenLog:
-    """Read a whole log.
+def read_carmen(path: Path, field_of_view_rad: float = 0.0) -> CarmenLog:
+    """Read a whole log; a damaged line is left out and counted, and so is one cut off at the end.
 
-    Raises LogError with the line and the field at fault: not readable, cut off in the middle of
-    a line or of the gzip stream, numbers that are none, or no laser line at all.
+    field_of_view_rad: angle from the first to the last reading, the middle one straight ahead, of
+    lines that name no angles; 0: by CARMEN's rule, which knows few numbers of readings.
+    Raises LogError with the line and the field at fault: not readable, no laser line at all, or
+    most of its lines or most of its laser lines damaged.
     """
     log = CarmenLog(path)
-    reader = _LineReader(log)
+    reader = _LineReader(log, field_of_view_rad)
     try:
         with path.open('rb') as raw:
             packed = raw.read(2) == b'\x1f\x8b'
         with gzip.open(path, 'rb') if packed else path.open('rb') as stream:
             for number, line in enumerate(stream, start=1):
                 reader.take(number, line)
-    except (OSError, EOFError, zlib.error) as error:
+    except EOFError:
+        log.cut = 'the gzip stream ends too early'
+    except (OSError, zlib.error) as error:
         reason = getattr(error, 'strerror', None) or error
         raise LogError(f'{path}: expected a readable log ({reason})') from error
-    if not log.scans:
-        raise LogError(
-            f'{path}: no laser line in it: expected FLASER, RLASER, ROBOTLASER1 or LASER_READING'
-        )
+    reader.finish()
     return log
 
 
 class _LineReader:
     """Turns lines into records; keeps the scan that waits for its particles."""
 
-    def __init__(self, log: CarmenLog) -> None:
+    def __init__(self, log: CarmenLog, field_of_view_rad: float = 0.0) -> None:
         self.log = log
-        self.last_scan: LogScan | None = None
+        self.parse = LineParser(field_of_view_rad)
+        self.last_scan: LogScan | None = None  # None, too, after a damaged one
+        self.good_lines = 0
+        self.damaged_scans = 0
 
     def take(self, number: int, raw: bytes) -> None:
-        try:
-            words = raw.decode('ascii').split()
-        except UnicodeDecodeError as error:
-            raise self.fault(number, 'not text', 'a CARMEN log') from error
+        # Names and remarks may be in any encoding, or none.
+        words = raw.removeprefix(b'\xef\xbb\xbf').decode('ascii', 'replace').split()
         if not words or words[0].startswith('#'):
             return
+        n_records = len(self.log.records)
+        try:
+            self.line(number, words)
+            if not raw.endswith(b'\n'):
+                self.check_end(number, words[0], n_records)
+        except LogError as error:
+            self.leave_out(words[0], str(error))
+        else:
+            self.good_lines += 1
+
+    def leave_out(self, kind: str, damage: str) -> None:
+        self.log.damaged += 1
+        self.log.first_damage = self.log.first_damage or damage
+        if kind.startswith(LASER_KINDS):
+            self.damaged_scans += 1
+            self.last_scan = None
+        elif kind == 'RESAMPLE':
+            self.forget_descent()
+
+    def forget_descent(self) -> None:
+        for scan in reversed(self.log.records):
+            if isinstance(scan, LogScan):
+                scan.parents = np.zeros(0, np.int64)
+                break
+
+    def check_end(self, number: int, kind: str, n_records: int) -> None:
+        """Doubt a last line that nothing ends: its last number may have lost digits."""
+        records = self.log.records
+        cut_time = len(records) > max(n_records, 1) and records[-1].time_s < records[-2].time_s
+        if cut_time or kind in ('SM_UPDATE', 'RESAMPLE'):
+            del records[n_records:]
+            if kind == 'SM_UPDATE' and self.last_scan is not None:
+                self.last_scan.particles = self.last_scan.log_weights = None
+            raise fault(number, f'{kind} line is cut off', 'the end of a line')
+
+    def finish(self) -> None:
+        """Judge the whole log."""
+        log = self.log
+        scans = log.scans
+        log.without_angles = self.parse.without_angles
+        worst = log.damaged > self.good_lines or self.damaged_scans > len(scans)
+        if log.damaged and (worst or not scans):
+            lines = log.damaged + self.good_lines
+            raise LogError(
+                f'{log.path}, {log.first_damage} ({log.damaged} of {lines} lines cannot be used)'
+            )
+        if not scans:
+            raw = sorted(kind for kind in log.left_alone if kind.startswith('RAWLASER'))
+            reasons = [f'{kind} names no pose' for kind in raw] + ([log.cut] if log.cut else [])
+            why = f' ({", ".join(reasons)})' if reasons else ''
+            raise LogError(
+                f'{log.path}: no laser line in it{why}: '
+                'expected FLASER, RLASER, ROBOTLASER1 or LASER_READING'
+            )
+        if any(scan.particles is not None for scan in scans):
+            self.keep_placed()
+
+    def keep_placed(self) -> None:
+        """Leave out scans without particles: the pose in the line is raw odometry.
+
+        Among the others it would be in another frame.
+        """
+        kept: list[LogScan | LogOdometry] = []
+        last: LogScan | None = None
+        for record in self.log.records:
+            if isinstance(record, LogScan) and record.particles is None:
+                self.log.without_particles += 1
+                if last is not None and record.parents is not None:
+                    last.parents = np.zeros(0, np.int64)
+                continue
+            last = record if isinstance(record, LogScan) else last
+            kept.append(record)
+        self.log.records = kept
+
+    def line(self, number: int, words: list[str]) -> None:
         kind = words[0]
         try:
             if kind in ('FLASER', 'RLASER'):
-                self.keep(self.old_laser(number, kind, words))
+                self.keep(self.parse.old_laser(number, kind, words))
             elif kind.startswith('ROBOTLASER'):
-                self.keep(self.robot_laser(number, words))
+                self.keep(self.parse.robot_laser(number, words))
             elif kind == 'LASER_READING':
                 self.log.gmapping = True
-                self.keep(self.gmapping_laser(number, words))
+                self.keep(self.parse.gmapping_laser(number, words))
             elif kind == 'SM_UPDATE':
                 self.particles(number, words)
             elif kind == 'RESAMPLE':
                 self.resampling(number, words)
             elif kind == 'ODOM':
-                self.keep_odometry(self.odometry(number, words))
+                self.keep_odometry(self.parse.odometry(number, words))
             elif kind == 'PARAM' and len(words) > 2:
                 self.log.parameters.setdefault(words[1], words[2])
             else:
-                self.log.left_alone[kind] += 1
+                plain = kind.isascii() and kind.isprintable() and len(kind) <= 40
+                self.log.left_alone[kind if plain else 'unreadable'] += 1
         except IndexError as error:
             wanted = f'more than {len(words)} fields (is the file cut off?)'
-            raise self.fault(number, f'{kind} line ends too early', wanted) from error
+            raise fault(number, f'{kind} line ends too early', wanted) from error
         except PoseError as error:
-            raise self.fault(number, f'{kind}: {error}', 'a pose') from error
+            raise fault(number, f'{kind}: {error}', 'a pose') from error
 
     def keep(self, scan: LogScan) -> None:
         self.last_scan = scan
@@ -175,112 +224,16 @@ class _LineReader:
             return False
         return not 0.0 <= odometry.time_s - before.time_s <= ECHO_AFTER_S
 
-    def fault(self, number: int, what: str, expected: str) -> LogError:
-        return LogError(f'{self.log.path}, line {number}: {what}: expected {expected}')
-
-    def number(self, line: int, words: list[str], index: int, name: str) -> float:
-        try:
-            value = float(words[index])
-        except ValueError as error:
-            raise self.fault(line, f'{name} is {words[index]!r}', 'a number') from error
-        if not math.isfinite(value):
-            raise self.fault(line, f'{name} is {words[index]!r}', 'a finite number')
-        return value
-
-    def count(
-        self, line: int, words: list[str], index: int, name: str, *, at_least: int = 1
-    ) -> int:
-        value = self.number(line, words, index, name)
-        if value != int(value) or value < at_least:
-            expected = f'a whole number of {at_least} or more'
-            raise self.fault(line, f'{name} is {words[index]!r}', expected)
-        if index + int(value) >= len(words):
-            raise IndexError
-        return int(value)
-
-    def pose(self, line: int, words: list[str], index: int) -> Pose2D:
-        x, y, yaw = (
-            self.number(line, words, index + k, n) for k, n in enumerate(('x', 'y', 'theta'))
-        )
-        return Pose2D(x, y, yaw)
-
-    def readings(self, line: int, words: list[str], first: int, count: int) -> Float64Array:
-        try:
-            values = np.array(words[first : first + count], dtype=np.float64)
-        except ValueError as error:
-            raise self.fault(line, 'a range is no number', f'{count} ranges') from error
-        if values.size != count:
-            raise IndexError
-        return values
-
-    def old_angles(self, line: int, count: int) -> float:
-        if count not in OLD_FORMAT_STEP_DEG:
-            known = ', '.join(map(str, OLD_FORMAT_STEP_DEG))
-            raise self.fault(line, f'{count} readings without angles', f'one of {known}')
-        return math.radians(OLD_FORMAT_STEP_DEG[count])
-
-    def old_laser(self, line: int, kind: str, words: list[str]) -> LogScan:
-        """FLASER n ranges... x y theta odom_x odom_y odom_theta time host logger_time."""
-        count = self.count(line, words, 1, 'number of readings')
-        end = 2 + count
-        start = math.radians(-50.0 if count == 401 else -90.0)
-        return LogScan(
-            line,
-            'front' if kind == 'FLASER' else 'rear',
-            self.number(line, words, end + 6, 'time'),
-            self.readings(line, words, 2, count),
-            start,
-            self.old_angles(line, count),
-            0.0,
-            self.pose(line, words, end),
-        )
-
-    def robot_laser(self, line: int, words: list[str]) -> LogScan:
-        """ROBOTLASERn type start fov step max accuracy remission_mode n ranges... m values...
-
-        then laser x y theta, robot x y theta, five motion fields, time host logger_time.
-        """
-        start, step, max_range = (
-            self.number(line, words, index, name)
-            for index, name in ((2, 'start angle'), (4, 'resolution'), (5, 'maximum range'))
-        )
-        count = self.count(line, words, 8, 'number of readings')
-        remissions = self.count(line, words, 9 + count, 'number of remissions', at_least=0)
-        end = 10 + count + remissions
-        return LogScan(
-            line,
-            words[0].removeprefix('ROBOTLASER') or '1',
-            self.number(line, words, end + 11, 'time'),
-            self.readings(line, words, 9, count),
-            start,
-            step,
-            max_range,
-            self.pose(line, words, end),
-        )
-
-    def gmapping_laser(self, line: int, words: list[str]) -> LogScan:
-        """LASER_READING n ranges... odom_x odom_y odom_theta time."""
-        count = self.count(line, words, 1, 'number of readings')
-        end = 2 + count
-        return LogScan(
-            line,
-            'front',
-            self.number(line, words, end + 3, 'time'),
-            self.readings(line, words, 2, count),
-            math.radians(-90.0),
-            self.old_angles(line, count),
-            0.0,
-            self.pose(line, words, end),
-        )
-
     def particles(self, line: int, words: list[str]) -> None:
         """SM_UPDATE m (x y theta log_weight)...: the belief about the scan before it."""
+        if self.last_scan is None and self.damaged_scans:
+            return  # of a scan that was left out
         if self.last_scan is None:
-            raise self.fault(line, 'SM_UPDATE before any LASER_READING', 'the scan first')
-        count = self.count(line, words, 1, 'number of particles')
-        table = self.readings(line, words, 2, 4 * count).reshape(count, 4)
+            raise fault(line, 'SM_UPDATE before any LASER_READING', 'the scan first')
+        count = self.parse.count(line, words, 1, 'number of particles')
+        table = self.parse.readings(line, words, 2, 4 * count).reshape(count, 4)
         if not np.isfinite(table).all():
-            raise self.fault(line, 'a particle is not finite', 'finite numbers')
+            raise fault(line, 'a particle is not finite', 'finite numbers')
         self.last_scan.particles = PoseSamples(
             np.ascontiguousarray(table[:, :3]), particle_weights(table[:, 3])
         )
@@ -288,25 +241,15 @@ class _LineReader:
 
     def resampling(self, line: int, words: list[str]) -> None:
         """RESAMPLE m parents...: which of the particles before each of the next descends from."""
+        if self.last_scan is None and self.damaged_scans:
+            self.forget_descent()
+            return
         if self.last_scan is None or self.last_scan.log_weights is None:
-            raise self.fault(line, 'RESAMPLE before any SM_UPDATE', 'the particles first')
-        count = self.count(line, words, 1, 'number of particles')
-        parents = self.readings(line, words, 2, count)
+            raise fault(line, 'RESAMPLE before any SM_UPDATE', 'the particles first')
+        count = self.parse.count(line, words, 1, 'number of particles')
+        parents = self.parse.readings(line, words, 2, count)
         known = np.isin(parents, np.arange(self.last_scan.log_weights.size)).all()
         if count != self.last_scan.log_weights.size or not known:
             wanted = f'{self.last_scan.log_weights.size} of the particles before'
-            raise self.fault(line, 'RESAMPLE names others', wanted)
+            raise fault(line, 'RESAMPLE names others', wanted)
         self.last_scan.parents = parents.astype(np.int64)
-
-    def odometry(self, line: int, words: list[str]) -> LogOdometry:
-        """ODOM x y theta [tv rv accel] time [host logger_time]."""
-        pose = self.pose(line, words, 1)
-        if len(words) == 5:
-            return LogOdometry(line, self.number(line, words, 4, 'time'), pose)
-        return LogOdometry(
-            line,
-            self.number(line, words, 7, 'time'),
-            pose,
-            self.number(line, words, 4, 'tv'),
-            self.number(line, words, 5, 'rv'),
-        )

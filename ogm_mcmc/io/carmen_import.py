@@ -6,13 +6,11 @@ for the first laser of the log, `scan_NAME` with `pose_NAME` for further ones.
 
 from __future__ import annotations
 
-import bisect
 import itertools
 import math
-from collections import Counter
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -22,32 +20,43 @@ from ogm_mcmc.geometry import Pose2D, PoseSamples
 from ogm_mcmc.io import ros_types
 from ogm_mcmc.io.bags import BagWriter
 from ogm_mcmc.io.carmen import CarmenLog, LogOdometry, LogScan, read_carmen
+from ogm_mcmc.io.carmen_times import (
+    MAX_STAMP_S,
+    NS_PER_S,
+    in_order_of_the_file,
+    strictly_increasing,
+)
+from ogm_mcmc.io.no_return import LaserRange, laser_range
 
-__all__ = ['ImportOptions', 'ImportSummary', 'import_carmen', 'strictly_increasing', 'systematic']
-
-NS_PER_S = 1_000_000_000
-MAX_STAMP_S = 2.0**31 - 1.0
-
-# Readings of a SICK LMS from here on are codes, not distances (centimetre and millimetre mode).
-CODES_FROM_M = {81.8: 80.0, 8.18: 8.0}
+__all__ = ['ImportOptions', 'ImportSummary', 'import_carmen', 'systematic']
 
 
 @dataclass(frozen=True)
 class ImportOptions:
-    """Choices of `import-carmen`; 0 stands for "as the log has it"."""
+    """Choices of `import-carmen`; 0 stands for "as the log has it".
+
+    Readings of `no_return_from_m` or more hit nothing; `field_of_view_deg` is the angle from the
+    first to the last reading, the middle one straight ahead, of scans that name no angles.
+    """
 
     range_max_m: float = 0.0
+    no_return_from_m: float = 0.0
+    field_of_view_deg: float = 0.0
     particles: int = 0
     repeat_step_s: float = 0.1
     time_offset_s: float = 0.0
 
     def __post_init__(self) -> None:
         """Refuse what makes no sense."""
+        if not math.isfinite(self.no_return_from_m):
+            raise ConfigError(f'no_return_from {self.no_return_from_m}: expected a finite number')
         numbers = (self.range_max_m, self.repeat_step_s, self.time_offset_s)
         if not all(map(math.isfinite, numbers)):
             raise ConfigError(f'range_max, repeat_step, time_offset {numbers}: expected finite')
         if self.repeat_step_s > 3600.0 or self.particles > 1_000_000:
             raise ConfigError('expected repeat_step up to 3600 s and up to 1000000 particles')
+        if not (self.no_return_from_m >= 0.0 and 0.0 <= self.field_of_view_deg <= 360.0):
+            raise ConfigError('expected no_return_from >= 0 and field_of_view of 0 to 360 degrees')
         if self.range_max_m < 0.0 or self.repeat_step_s <= 0.0 or self.particles < 0:
             raise ConfigError('expected range_max >= 0, particles >= 0 and a positive repeat_step')
 
@@ -65,6 +74,7 @@ class ImportSummary:
     readings: int = 0
     no_return: int = 0
     no_return_codes_m: dict[str, int] = field(default_factory=dict)
+    no_return_rules: dict[str, str] = field(default_factory=dict)
     odometry: int = 0
     odometry_echoes: int = 0
     odometry_to_pose_median_m: float | None = None
@@ -72,6 +82,13 @@ class ImportSummary:
     out_of_order: dict[str, int] = field(default_factory=dict)
     repeated_stamps: int = 0
     largest_shift_s: float = 0.0
+    clock_shift_s: float = 0.0
+    clock_jumps: int = 0
+    damaged_lines: int = 0
+    first_damage: str = ''
+    without_angles: dict[int, int] = field(default_factory=dict)
+    without_particles: int = 0
+    cut: str = ''
     left_alone: dict[str, int] = field(default_factory=dict)
 
     def as_dict(self) -> dict[str, Any]:
@@ -92,49 +109,22 @@ def systematic(samples: PoseSamples, count: int, offset: float = 0.5) -> Float64
     return chosen
 
 
-def strictly_increasing(
-    times_s: list[float], kinds: list[str], step_s: float
-) -> tuple[list[int], list[int], int]:
-    """Order records by time and give each a stamp; return (order, stamps ns, repeats mended).
-
-    Records that share a stamp keep the order of the file, and two kinds may share one. Of kinds
-    that have a stamp twice, the records of that stamp are spread evenly, in that order, before
-    the next stamp and at most `step_s` apart.
-    """
-    stamps = [round(time * NS_PER_S) for time in times_s]
-    order = sorted(range(len(stamps)), key=stamps.__getitem__)
-    spread: dict[int, int] = {}
-    repeats = 0
-    for stamp, group in itertools.groupby(order, key=stamps.__getitem__):
-        same = list(group)
-        count = Counter(kinds[index] for index in same)
-        repeated = [index for index in same if count[kinds[index]] > 1]
-        if repeated:
-            repeats += len(repeated) - len({kinds[index] for index in repeated})
-            following = bisect.bisect_right(order, stamp, key=stamps.__getitem__)
-            gap = round(step_s * NS_PER_S)
-            if following < len(order):
-                gap = max(1, min(gap, (stamps[order[following]] - stamp) // len(repeated)))
-            spread.update({index: stamp + k * gap for k, index in enumerate(repeated)})
-    order.sort(key=lambda index: spread.get(index, stamps[index]))
-    mended: dict[int, int] = {}
-    last_of_kind: dict[str, int] = {}
-    for index in order:
-        # Stamps closer together than the spread needs (nanoseconds) are pushed on.
-        stamp = max(spread.get(index, stamps[index]), last_of_kind.get(kinds[index], -1) + 1)
-        last_of_kind[kinds[index]] = stamp
-        mended[index] = stamp
-    order.sort(key=mended.__getitem__)
-    return order, [mended[index] for index in order], repeats
-
-
 def import_carmen(
     log_path: Path, bag_path: Path, options: ImportOptions, *, overwrite: bool = False
 ) -> ImportSummary:
     """Convert a log. Raises LogError, OutputError or ConfigError; leaves no half-written bag."""
-    log = read_carmen(log_path)
-    summary = ImportSummary(str(log_path), str(bag_path), left_alone=dict(log.left_alone))
-    summary.odometry_echoes = log.echoes
+    log = read_carmen(log_path, math.radians(options.field_of_view_deg))
+    summary = ImportSummary(
+        str(log_path),
+        str(bag_path),
+        left_alone=dict(log.left_alone),
+        odometry_echoes=log.echoes,
+        damaged_lines=log.damaged,
+        first_damage=log.first_damage,
+        without_angles=dict(log.without_angles),
+        without_particles=log.without_particles,
+        cut=log.cut,
+    )
     reach = _ranges_of(log, options)
     order, stamps = _stamp(log, options, summary)
     names = _topic_names(log)
@@ -164,44 +154,48 @@ def _topic_names(log: CarmenLog) -> dict[str, str]:
     return {laser: '' if k == 0 else f'_{laser}' for k, laser in enumerate(lasers)}
 
 
-class LaserRange(NamedTuple):
-    """Readings from `no_return_m` on mean that nothing was hit; the scans' `range_max_m`."""
-
-    no_return_m: float
-    range_max_m: float
-
-
 def _ranges_of(log: CarmenLog, options: ImportOptions) -> dict[str, LaserRange]:
     """Find for each laser which readings are codes and how far it reaches."""
     found = {}
     for laser in dict.fromkeys(scan.laser for scan in log.scans):
-        scans = [scan for scan in log.scans if scan.laser == laser]
-        readings = np.concatenate([scan.ranges_m for scan in scans])
-        readings = readings[np.isfinite(readings)]
-        largest = float(readings.max(initial=0.0))
-        # A SICK that counts millimetres tops out at 8.191 m, one that counts centimetres at 81.91.
-        code = 8.18 if 8.18 <= largest < 8.2 else 81.8
-        no_return, nominal = code, CODES_FROM_M[code]
-        # CARMEN's own driver names 81.9 m for every SICK, more than its code for "nothing".
-        named = max(scan.max_range_m for scan in scans)
-        if 0.0 < named < code:
-            no_return = nominal = named
-        beyond = readings[readings < no_return].max(initial=0.0)
-        range_max = options.range_max_m or max(nominal, float(beyond))
-        found[laser] = LaserRange(no_return, range_max)
+        parameter = log.parameters.get(f'robot_{laser}_laser_max', '')
+        own = laser_range(
+            [scan for scan in log.scans if scan.laser == laser],
+            chosen_m=options.no_return_from_m,
+            parameter_m=_number_or_0(parameter),
+        )
+        found[laser] = own._replace(range_max_m=options.range_max_m or own.range_max_m)
     return found
 
 
-def _stamp(
-    log: CarmenLog, options: ImportOptions, summary: ImportSummary
-) -> tuple[list[int], list[int]]:
+def _number_or_0(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        return 0.0
+    return value if math.isfinite(value) else 0.0
+
+
+def _storable(log: CarmenLog, options: ImportOptions, summary: ImportSummary) -> list[float]:
+    """Return times that a ROS stamp holds: as they are, or in the order of the file from 0 on."""
     times = [record.time_s + options.time_offset_s for record in log.records]
+    usual = sorted(times)[(len(times) - 1) // 2]
+    mendable = options.time_offset_s == 0.0 and -(2.0**33) < usual < 2.0**33
+    if mendable and not 0.0 <= min(times) <= max(times) < MAX_STAMP_S:
+        times, summary.clock_shift_s, summary.clock_jumps = in_order_of_the_file(times)
     for time in (min(times), max(times)):
         if not 0.0 <= time < MAX_STAMP_S:
             raise LogError(
                 f'{log.path}: a time is {time:g} s: expected 0 to {MAX_STAMP_S:g} s, '
                 'what a ROS stamp holds'
             )
+    return times
+
+
+def _stamp(
+    log: CarmenLog, options: ImportOptions, summary: ImportSummary
+) -> tuple[list[int], list[int]]:
+    times = _storable(log, options, summary)
     kinds = [
         'odometry' if isinstance(record, LogOdometry) else record.laser for record in log.records
     ]
@@ -219,10 +213,10 @@ def _stamp(
     return order, stamps
 
 
-def _ros_ranges(scan: LogScan, no_return_m: float, summary: ImportSummary) -> Float32Array:
+def _ros_ranges(scan: LogScan, reach: LaserRange, summary: ImportSummary) -> Float32Array:
     """REP 117: no return becomes inf; a valid reading beyond a chosen range_max stays as it is."""
     ranges = scan.ranges_m.astype(np.float32)
-    missing = scan.ranges_m >= no_return_m
+    missing = reach.missing(scan.ranges_m)
     ranges[missing] = np.inf
     summary.readings += ranges.size
     summary.no_return += int(missing.sum())
@@ -244,7 +238,7 @@ def _write_scan(
 ) -> None:
     suffix = names[scan.laser]
     frame = f'laser{suffix}'
-    ranges = _ros_ranges(scan, reach.no_return_m, summary)
+    ranges = _ros_ranges(scan, reach, summary)
     belief = scan.particles
     mean: Pose2D = scan.laser_pose if belief is None else belief.mean()
     covariance = np.zeros((3, 3)) if belief is None else belief.covariance()
@@ -279,6 +273,7 @@ def _write_scan(
     )
     topic = f'scan{suffix}'
     summary.range_max_m[topic] = reach.range_max_m
+    summary.no_return_rules[topic] = reach.rule
     summary.scans[topic] = summary.scans.get(topic, 0) + 1
 
 

@@ -19,7 +19,7 @@ def best_trajectory(scans: Sequence[LogScan]) -> list[Pose2D]:
     Log-weights start anew at every resampling, so those of a line of descent add up; GMapping
     itself names the particle with the greatest sum the best. What a filter believed at the time
     is in `LogScan.particles`; this is what it believed at the end, loops closed.
-    Raises LogError for a log without particles.
+    Raises LogError for a log without particles, or whose lines of descent are damaged.
     """
     lines: list[np.ndarray] = []  # before each scan: the particle of the scan before
     total = np.zeros(0)
@@ -32,6 +32,10 @@ def best_trajectory(scans: Sequence[LogScan]) -> list[Pose2D]:
         if count != total.size:
             raise LogError(f'line {scan.line}: {count} particles: expected {total.size}')
         parents = np.arange(count) if scan.parents is None else scan.parents
+        if parents.size != count:
+            raise LogError(
+                f'line {scan.line}: the RESAMPLE after it is damaged: expected its parents'
+            )
         if scan is scans[-1]:
             total = total + scan.log_weights
             break

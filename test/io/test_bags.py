@@ -1,5 +1,7 @@
 """Bags of three kinds, written here and read back by `BagReader`."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from rosbags.rosbag2 import StoragePlugin
@@ -177,6 +179,39 @@ def test_writer_is_all_or_nothing(tmp_path, make_scan):
         assert not path.exists()
         raise RuntimeError('halfway')
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize('failing', ['old', 'new'])
+def test_an_old_bag_stays_whole_until_the_new_one_is_in_place(
+    tmp_path, write_bag, recording, make_scan, monkeypatch, failing
+):
+    path = write_bag(recording)
+    before = {file.name: file.read_bytes() for file in path.iterdir()}
+    replace = Path.replace
+
+    def fails(self, target):
+        if Path(target).name == '.old' if failing == 'old' else Path(target) == path:
+            monkeypatch.setattr(Path, 'replace', replace)
+            raise OSError(5, 'Input/output error')
+        return replace(self, target)
+
+    monkeypatch.setattr(Path, 'replace', fails)
+    with (
+        pytest.raises(OutputError, match='Input/output error'),
+        BagWriter(path, overwrite=True) as bag,
+    ):
+        bag.write('/scan', ros_types.SCAN, 1, make_scan(1))
+    assert {file.name: file.read_bytes() for file in path.iterdir()} == before
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_an_old_bag_gives_way_to_a_complete_one(tmp_path, write_bag, recording, make_scan):
+    path = write_bag(recording)
+    with BagWriter(path, overwrite=True) as bag:
+        bag.write('/scan', ros_types.SCAN, 1, make_scan(1))
+    with BagReader(path) as bag:
+        assert bag.message_count == 1
+    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_writer_refuses_what_exists(tmp_path, write_bag, recording):

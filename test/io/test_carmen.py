@@ -51,6 +51,31 @@ def test_number_of_readings_tells_the_angles(write_log, laser_line, count, step_
     assert math.degrees(scan.start_angle_rad) == pytest.approx(start_deg)
 
 
+@pytest.mark.parametrize('count', [180, 682, 1081])
+@pytest.mark.parametrize('kind', ['FLASER', 'RLASER', 'LASER_READING'])
+def test_a_field_of_view_gives_angles(write_log, laser_line, kind, count):
+    line = laser_line(3.0, [1.5] * count, kind='FLASER')
+    if kind == 'LASER_READING':
+        line = f'LASER_READING {count} {"1.5 " * count} 1 2 0.5 3.0'
+    scan = only_scan(read_carmen(write_log(line.replace('FLASER', kind)), math.radians(270)))
+    bearings = scan.start_angle_rad + scan.increment_rad * np.arange(count)
+    assert np.degrees(bearings[[0, -1]]) == pytest.approx([-135.0, 135.0])
+
+
+def test_new_lasers_keep_their_angles(write_log):
+    scan = only_scan(read_carmen(write_log(ROBOTLASER), math.radians(270)))
+    assert (scan.start_angle_rad, scan.increment_rad) == (-1.5, 0.25)
+
+
+def test_new_laser_without_resolution(write_log):
+    """Three readings over 3 rad are 1.5 rad apart; without any angle the old rule holds."""
+    scan = only_scan(read_carmen(write_log(ROBOTLASER.replace(' 0.25 50', ' 0 50'))))
+    assert (scan.start_angle_rad, scan.increment_rad) == (-1.5, 1.5)
+    none = ROBOTLASER.replace(' -1.5 3.0 0.25 50', ' 0 0 0 50')
+    scan = only_scan(read_carmen(write_log(none), math.radians(90)))
+    assert np.degrees([scan.start_angle_rad, scan.increment_rad]) == pytest.approx([-45, 45])
+
+
 @pytest.mark.parametrize('line', [ROBOTLASER, WITH_REMISSIONS])
 def test_new_laser_with_and_without_remissions(write_log, line):
     scan = only_scan(read_carmen(write_log(line)))

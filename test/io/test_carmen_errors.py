@@ -1,4 +1,4 @@
-"""Logs that are broken: one line that says where and what was expected."""
+"""Logs that are broken: a damaged line costs that line, a damaged log is one clear error."""
 
 import gzip
 import random
@@ -31,9 +31,13 @@ def message_of(path):
 
 
 def fault_in_line_2(write_log, line):
-    message = message_of(write_log(FLASER, line, FLASER))
-    assert 'line 2' in message
-    return message
+    """The line is left out, the others stay, and what is said of it is returned."""
+    log = read_carmen(write_log(FLASER, line, FLASER))
+    assert (log.damaged, [scan.line for scan in log.scans]) == (1, [1, 3])
+    assert log.first_damage.startswith('line 2: ')
+    assert 'expected' in log.first_damage
+    assert '\n' not in log.first_damage
+    return log.first_damage
 
 
 @pytest.mark.parametrize(
@@ -98,15 +102,17 @@ def test_number_of_remissions_that_cannot_be(write_log, count):
 
 @pytest.mark.parametrize('count', [1, 7, 179, 182, 541])
 def test_unknown_number_of_beams(write_log, laser_line, count):
-    message = fault_in_line_2(write_log, laser_line(1.0, [2.5] * count))
+    line = laser_line(1.0, [2.5] * count)
+    message = fault_in_line_2(write_log, line)
     assert f'{count} readings' in message
-    assert 'one of 180, 181, 360, 361, 401' in message
+    assert 'one of 180, 181, 360, 361, 401, or --field-of-view' in message
+    assert read_carmen(write_log(FLASER, line, line, FLASER)).without_angles == {count: 2}
 
 
 def test_particles_before_any_scan(write_log):
-    message = message_of(write_log('PARAM a b', SM_UPDATE, LASER_READING))
-    assert 'line 2' in message
-    assert 'SM_UPDATE' in message
+    log = read_carmen(write_log('PARAM a b', SM_UPDATE, LASER_READING))
+    assert (log.damaged, len(log.scans)) == (1, 1)
+    assert log.first_damage.startswith('line 2: SM_UPDATE before any')
 
 
 @pytest.mark.parametrize('lines', [[], ['# nothing'], [ODOM, 'NEFF 3'], ['\0' * 100]])
@@ -119,17 +125,25 @@ def test_no_laser_line(write_log, lines):
 def test_binary_file(tmp_path):
     path = tmp_path / 'binary.log'
     path.write_bytes(random.Random(3).randbytes(10_000))
-    assert 'line 1: not text' in message_of(path)
+    assert 'no laser line' in message_of(path)
 
 
-@pytest.mark.parametrize('share', [0.02, 0.5, 0.99])
+@pytest.mark.parametrize('share', [0.01, 0.5, 0.99])
 def test_truncated_gzip(write_log, share):
+    """Scans are read as far as they go; their number is that of the whole lines in the file."""
     rng = random.Random(5)
-    noisy = [FLASER.replace(' 0.5 ', f' {rng.random()} ') for _ in range(30)]
+    noisy = [FLASER.replace(' 0.5 ', f' {rng.random()} ') for _ in range(300)]
     packed = gzip.compress(write_log(*noisy).read_bytes())
     path = write_log(name='cut.log.gz')
     path.write_bytes(packed[: int(share * len(packed))])
-    assert 'readable log' in message_of(path)
+    if share < 0.1:
+        assert 'the gzip stream ends too early' in message_of(path)
+        return
+    log = read_carmen(path)
+    assert log.cut == 'the gzip stream ends too early'
+    assert (share - 0.3) * 300 < len(log.scans) < 300
+    first = float(noisy[0].split()[2])
+    assert log.scans[0].ranges_m[0] == first
 
 
 def test_damaged_gzip(write_log):
@@ -143,3 +157,73 @@ def test_damaged_gzip(write_log):
 def test_missing_file_and_folder(tmp_path):
     assert 'No such file' in message_of(tmp_path / 'none.log')
     assert 'directory' in message_of(tmp_path)
+
+
+def test_most_lines_damaged(write_log):
+    """Two scans of five are left: one error, with the first fault and their number."""
+    bad = FLASER.replace(' 1.25 ', ' here ')
+    message = message_of(write_log(FLASER, bad, bad, bad, FLASER))
+    assert 'line 2: x is' in message
+    assert '3 of 5 lines cannot be used' in message
+    # Odometry that is whole does not hide that most scans are not.
+    assert 'line 2' in message_of(write_log(FLASER, bad, bad, *[ODOM] * 20))
+    log = read_carmen(write_log(FLASER, bad, bad, FLASER))
+    assert (log.damaged, len(log.scans)) == (2, 2)
+
+
+@pytest.mark.parametrize('kept', [20, 300, 600])
+def test_a_last_line_that_is_cut_costs_that_line(write_log, kept):
+    path = write_log(FLASER, ODOM, FLASER)
+    path.write_bytes(path.read_bytes() + FLASER.encode()[:kept])
+    log = read_carmen(path)
+    assert (len(log.records), log.damaged) == (3, 1)
+    assert log.first_damage.startswith('line 4: FLASER line ends too early')
+
+
+@pytest.mark.parametrize(('time', 'n_scans'), [('12', 1), ('12.5', 2), ('12.5 host 1', 2)])
+def test_a_last_time_that_lost_digits(write_log, time, n_scans):
+    """`12` may be the rest of `12.75`: it would go before all others. Whole, it is a scan."""
+    path = write_log(FLASER)
+    path.write_bytes(path.read_bytes() + FLASER.replace('12.5 host 0.25', time).encode())
+    log = read_carmen(path)
+    assert (len(log.scans), log.damaged) == (n_scans, 2 - n_scans)
+
+
+def test_last_particles_that_are_cut(write_log):
+    """The last log-weight may have lost digits, so the last scan has no particles: left out."""
+    path = write_log(LASER_READING, SM_UPDATE, LASER_READING, SM_UPDATE)
+    path.write_bytes(path.read_bytes()[:-2])
+    log = read_carmen(path)
+    assert [scan.line for scan in log.scans] == [1]
+    assert (log.damaged, log.without_particles) == (1, 1)
+
+
+def test_particles_of_a_damaged_scan_go_to_no_other(write_log):
+    other = SM_UPDATE.replace(' 1 2 0.5', ' 9 9 9')
+    broken = LASER_READING.replace(' 0.5 ', ' ? ')
+    log = read_carmen(write_log(LASER_READING, SM_UPDATE, broken, other, LASER_READING, other))
+    assert [scan.particles.poses[0, 0] for scan in log.scans] == [1.0, 9.0]
+
+
+@pytest.mark.parametrize(
+    'remark', ['Zürich'.encode('latin-1'), 'Zürich'.encode(), b'\xff\x00\x85']
+)
+def test_bytes_that_are_not_ascii(tmp_path, remark):
+    """In a remark, a parameter, a kind, a host, and a mark in front of it all."""
+    scan = FLASER.encode().replace(b'host', remark)
+    lines = [b'\xef\xbb\xbf' + scan, b'# ' + remark, b'PARAM robot_name ' + remark, remark, scan]
+    path = tmp_path / 'small.log'
+    path.write_bytes(b''.join(line + b'\n' for line in lines))
+    log = read_carmen(path)
+    assert [scan.time_s for scan in log.scans] == [12.5, 12.5]
+    assert log.damaged == 0
+    assert log.left_alone == {'unreadable': 1}
+
+
+def test_a_reading_that_is_not_ascii(write_log):
+    assert 'a range is no number' in fault_in_line_2(write_log, FLASER.replace(' 0.5 ', ' 0§5 '))
+
+
+def test_raw_lasers_alone_name_no_pose(write_log):
+    message = message_of(write_log('RAWLASER1 0 -1.5 3 0.25 50 0.01 0 2 1 2 0 5 host 5', ODOM))
+    assert 'RAWLASER1 names no pose' in message

@@ -76,9 +76,25 @@ def test_a_log_without_particles(tmp_path):
     ],
 )
 def test_resampling_that_makes_no_sense(tmp_path, line, message):
-    (tmp_path / 'a.gfs').write_text(gfs(([(0, -1), (1, -1)], None)) + line + '\n')
-    with pytest.raises(LogError, match=message):
-        read_carmen(tmp_path / 'a.gfs')
+    """The scans stay; what descends from what is then unknown, and nobody guesses it."""
+    frame = ([(0, -1), (1, -1)], None)
+    damaged = gfs(frame) + line + '\n' + gfs(frame)
+    (tmp_path / 'a.gfs').write_text(damaged)
+    log = read_carmen(tmp_path / 'a.gfs')
+    assert (len(log.scans), log.damaged) == (2, 1)
+    assert log.first_damage.startswith(message)
+    with pytest.raises(LogError, match='line 1: the RESAMPLE after it is damaged'):
+        best_trajectory(log.scans)
+
+
+def test_resampling_after_a_damaged_scan(tmp_path):
+    frame = ([(0, -1), (1, -1)], None)
+    later = gfs(([(0, -1), (1, -1)], [1, 0]))
+    (tmp_path / 'a.gfs').write_text(gfs(frame) + later.replace(' 1.0 ', ' ? ', 1) + gfs(frame))
+    log = read_carmen(tmp_path / 'a.gfs')
+    assert len(log.scans) == 2
+    with pytest.raises(LogError, match='line 1: the RESAMPLE after it is damaged'):
+        best_trajectory(log.scans)
 
 
 @pytest.mark.data

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.geometry import PoseSamples
-from ogm_mcmc.io.carmen_import import ImportOptions, strictly_increasing, systematic
+from ogm_mcmc.io.carmen_import import ImportOptions, systematic
+from ogm_mcmc.io.carmen_times import in_order_of_the_file, strictly_increasing
 
 SECOND = 1_000_000_000
 MILLISECOND = 1_000_000
@@ -60,6 +61,37 @@ def test_repeating_kinds_are_spread_together_and_others_stay():
 
 def test_one_record():
     assert strictly_increasing([3.5], ['a'], 0.1) == ([0], [3 * SECOND + SECOND // 2], 0)
+
+
+COUNTER = 2.0**32
+
+
+@pytest.mark.parametrize(
+    ('times', 'expected', 'jumps'),
+    [
+        ([-1.0, -0.5, 0.25], [0, 0.5, 1.25], 0),  # only moved
+        ([-1.0, -1.25, -0.5], [0, 0, 0.5], 0),  # a little out of order
+        ([-0.5, -2.0, -3.5, -3.0], [0, 0, 0, 0.5], 2),  # runs backwards
+        ([COUNTER - 1.0, COUNTER - 0.5, 0.25], [0, 0.5, 1.25], 1),  # a counter starts again
+        ([2.0**31 - 1.0, -(2.0**31) + 1.0], [0, 2.0], 1),  # so does a signed one
+        ([-1.0, -0.5, COUNTER - 9.0, COUNTER - 8.0], [0, 0.5, 0.5, 1.5], 1),
+        ([-1.0, -0.5, 1e300, 0.5, 1.0], [0, 0.5, 0.5, 1.5, 2.0], 2),  # one stray time
+        ([-1.0, 1e6, 1e6 + 1.0], [0, 1e6 + 1.0, 1e6 + 2.0], 0),  # days later
+    ],
+)
+def test_times_in_the_order_of_the_file(times, expected, jumps):
+    mended = in_order_of_the_file(times)
+    assert mended.times_s == pytest.approx(expected)
+    assert mended.shift_s == -times[0]
+    assert mended.jumps == jumps
+
+
+@given(times=st.lists(st.floats(-(2.0**33), 2.0**33), min_size=1, max_size=30))
+@settings(derandomize=True, deadline=None)
+def test_times_never_fall_and_start_at_0(times):
+    mended = in_order_of_the_file(times).times_s
+    assert mended[0] == 0.0
+    assert mended == sorted(mended)
 
 
 @given(records=RECORDS, step=STEPS)
@@ -172,6 +204,9 @@ def test_equal_weights_come_back_one_each():
     [
         {'range_max_m': -1.0},
         {'particles': -1},
+        {'no_return_from_m': -1.0},
+        {'field_of_view_deg': -1.0},
+        {'field_of_view_deg': 361.0},
         {'repeat_step_s': 0.0},
         {'repeat_step_s': -0.1},
     ],
@@ -181,8 +216,11 @@ def test_options_out_of_bounds(options):
         ImportOptions(**options)
 
 
+NUMBERS = ['range_max_m', 'no_return_from_m', 'field_of_view_deg']
+
+
 @pytest.mark.parametrize('value', [math.nan, math.inf])
-@pytest.mark.parametrize('name', ['range_max_m', 'repeat_step_s', 'time_offset_s'])
+@pytest.mark.parametrize('name', [*NUMBERS, 'repeat_step_s', 'time_offset_s'])
 def test_options_that_are_not_finite(name, value):
     """`import-carmen --time-offset nan` must end in one line, not in a ValueError later."""
     with pytest.raises(ConfigError, match='expected'):
