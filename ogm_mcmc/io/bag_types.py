@@ -75,9 +75,8 @@ class MessageType:
             if self.name in store.fielddefs:
                 store.get_msgdef(self.name)
                 return ''
-        except Exception as error:  # whatever the parser makes of a text that is no definition
-            reason = ' '.join(str(error).split())[:120] or type(error).__name__
-            return f'the definition of its type {self.name} cannot be read ({reason})'
+        except Exception:  # whatever the parser makes of a text that is no definition
+            return f'the definition of its type {self.name} cannot be read'
         return f'its type {self.name or "(none)"} is not defined in the bag'
 
     @cached_property
