@@ -5,7 +5,7 @@ Each type of a bag is read on its own, so that one that cannot be read leaves th
 
 from __future__ import annotations
 
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 from rosbags.interfaces import Nodetype
@@ -20,7 +20,7 @@ from rosbags.typesys.base import normalize_fieldname
 
 from ogm_mcmc.io.bag_storage import Definition
 
-__all__ = ['MessageType', 'typestore']
+__all__ = ['MessageType', 'message_type', 'typestore']
 
 HEADER = 'std_msgs/msg/Header'
 
@@ -49,6 +49,12 @@ READABLE = {'': '', 'ros2msg': 'msg', 'ros1msg': 'msg', 'ros2idl': 'idl', 'omgid
 def typestore() -> Any:
     """Return the message types of Jazzy, as rosbags knows them."""
     return TYPESTORE
+
+
+@lru_cache(maxsize=256)
+def message_type(name: str, definition: Definition, serialization: str) -> MessageType:
+    """Return a type; it takes a while to work one out, and recordings share them."""
+    return MessageType(name, definition, serialization)
 
 
 class MessageType:

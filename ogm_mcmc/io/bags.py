@@ -17,7 +17,7 @@ from rosbags.rosbag2.enums import CompressionFormat, CompressionMode
 from ogm_mcmc.errors import BagError, OgmError, OutputError
 from ogm_mcmc.io.bag_files import kind_of, storage_files, unpack_file
 from ogm_mcmc.io.bag_storage import DEEPEST, Offer, Storage, StoredTopic, open_storage
-from ogm_mcmc.io.bag_types import TYPESTORE, MessageType, typestore
+from ogm_mcmc.io.bag_types import TYPESTORE, MessageType, message_type, typestore
 
 __all__ = ['BagReader', 'BagRecord', 'BagTopic', 'BagWriter', 'Offer', 'typestore']
 
@@ -61,7 +61,6 @@ class BagReader:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._storages: list[Storage] = []
-        self._types: dict[tuple[Any, ...], MessageType] = {}
         if not path.exists():
             raise BagError(f'{path}: no such file or folder; expected a bag')
         with self._explained('expected a ROS 1 bag or a rosbag2'):
@@ -163,10 +162,7 @@ class BagReader:
         return Offer(any(offer.latched for offer in offers), min(depth, DEEPEST))
 
     def _type(self, topic: StoredTopic) -> MessageType:
-        key = (topic.msgtype, topic.definition, topic.serialization)
-        if key not in self._types:
-            self._types[key] = MessageType(*key)
-        return self._types[key]
+        return message_type(topic.msgtype, topic.definition, topic.serialization)
 
     def find(self, role: str, msgtypes: Iterable[str], wanted: str = '') -> BagTopic:
         """Return the topic that plays a role: the one wanted, or the first of a fitting type.

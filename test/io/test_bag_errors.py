@@ -115,6 +115,40 @@ def test_damage_anywhere_never_surprises(write_bag, recording, kind):
     assert len(read_all(path)) == 8
 
 
+@pytest.mark.parametrize('kind', KINDS)
+def test_mutations_end_in_one_line(write_bag, make_scan, kind):
+    """Whatever becomes of a few bytes of the storage or its metadata: a BagError or nothing."""
+    path, rng = write_bag([('/scan', k, make_scan(k)) for k in (1, 2)], kind), random.Random(5)
+    files = sorted(path.iterdir()) if path.is_dir() else [path]
+    messages = []
+    for _ in range(100):
+        file = rng.choice(files)
+        content = file.read_bytes()
+        damaged, at = bytearray(content), rng.randrange(len(content))
+        what, size = rng.choice(('set', 'cut out', 'double', 'swap in')), rng.choice((1, 4, 8, 40))
+        if what == 'set':
+            damaged[at : at + size] = rng.choice((b'\x00', b'\xff', b'*', b'7')) * size
+        elif what == 'cut out':
+            del damaged[at : at + size]
+        elif what == 'double':
+            damaged[at:at] = damaged[at : at + size]
+        else:
+            damaged[at : at + size] = rng.randbytes(size)
+        file.write_bytes(damaged)
+        try:
+            with BagReader(path) as bag:
+                for topic in bag.topics():
+                    bag.problem(topic.name), bag.unsendable(topic.name), bag.offer(topic.name)
+                for record in bag.records():
+                    bag.decode(record)
+                    bag.cdr(record)
+        except OgmError as error:
+            messages.append(str(error))
+        file.write_bytes(content)
+    assert 0 < len(messages) < 100
+    assert not any('\n' in message for message in messages)
+
+
 def write_raw(tmp_path, kind, scan, topics):
     """Write a good scan on /scan, then raw bytes on topics: {topic: (type, definition, raw)}."""
     if kind == 'ros1':
