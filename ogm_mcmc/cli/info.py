@@ -3,18 +3,29 @@
 from __future__ import annotations
 
 import argparse
+import math
 from pathlib import Path
 from typing import Any
 
 from ogm_mcmc.cli.options import Subparsers, add_json, print_result
 from ogm_mcmc.engine.bag_scans import POSE_TYPES
-from ogm_mcmc.errors import BagError, OgmError
+from ogm_mcmc.errors import OgmError
+from ogm_mcmc.geometry import Scan
 from ogm_mcmc.io import messages, ros_types
 from ogm_mcmc.io.bags import BagReader
 
 __all__ = ['add_to']
 
-DETAILS = ('frame', 'sensors', 'beams', 'field_of_view_rad', 'range_m', 'particles', 'problem')
+DETAILS = (
+    'frame',
+    'sensors',
+    'beams',
+    'field_of_view_rad',
+    'range_m',
+    'particles',
+    'remark',
+    'problem',
+)
 
 
 def add_to(subparsers: Subparsers) -> None:
@@ -45,32 +56,46 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _first_message(bag: BagReader, topic: str, msgtype: str) -> dict[str, Any]:
-    """Return the essentials of a scan, range or pose topic, from its first message."""
+    """Return the essentials of a scan, range or pose topic, from its first message.
+
+    Of any topic, `problem` says why it cannot be read.
+    """
     interesting = (
         ros_types.SCAN,
         ros_types.RANGE,
         *(kind for kinds in POSE_TYPES.values() for kind in kinds),
     )
-    record = next(bag.records((topic,)), None) if msgtype in interesting else None
-    if record is None:
-        return {}
+    if problem := bag.problem(topic):
+        return {'problem': problem}
     try:
+        record = next(bag.records((topic,)), None) if msgtype in interesting else None
+        if record is None:
+            return {}
         message = bag.decode(record)
         details: dict[str, Any] = {'frame': messages.frame_of(message)}
         if msgtype == ros_types.SCAN:
-            scan = messages.read_scan(message)
+            remarks: list[str] = []
+            scan = messages.read_scan(message, remarks.append)
+            if remarks:
+                details['remark'] = '; '.join(remarks)
             details['beams'] = scan.ranges_m.size
-            details['range_m'] = [round(scan.range_min_m, 3), round(scan.range_max_m, 3)]
+            details['range_m'] = _limits(scan)
         elif msgtype == ros_types.RANGE:
             scan = messages.read_range(message)
             details['field_of_view_rad'] = round(scan.beam_width_rad, 3)
-            details['range_m'] = [round(scan.range_min_m, 3), round(scan.range_max_m, 3)]
+            details['range_m'] = _limits(scan)
             details['sensors'] = len(_frames_in_turn(bag, topic))
         elif msgtype == ros_types.PARTICLES:
             details['particles'] = len(message.poses)
-    except (BagError, OgmError) as error:
+    except OgmError as error:
         return {'problem': str(error)}
     return details
+
+
+def _limits(scan: Scan) -> list[float | None]:
+    """Return range_min and range_max in m, None for one that is not said."""
+    furthest = scan.range_max_m
+    return [round(scan.range_min_m, 3), round(furthest, 3) if math.isfinite(furthest) else None]
 
 
 def _frames_in_turn(bag: BagReader, topic: str) -> set[str]:

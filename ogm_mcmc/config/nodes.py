@@ -187,7 +187,13 @@ class ReplayConfig:
     start: float = setting(0.0, 'leave out the first seconds', low=0.0, high=1e9)
     loop: bool = setting(False, 'start again at the end')
     start_paused: bool = setting(False, 'wait for ~/pause with data: false')
-    wait: float = setting(2.0, 'wait up to this long for subscribers, s', low=0.0, high=3600.0)
+    wait: float = setting(
+        10.0,
+        'wait up to this long for a subscriber, s, and give up if there is none; 0: publish '
+        'whether anybody listens or not',
+        low=0.0,
+        high=3600.0,
+    )
     wait_topics: int = setting(
         1, 'go on as soon as so many topics have a subscriber', low=0, high=1000
     )

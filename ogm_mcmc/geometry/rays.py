@@ -79,10 +79,15 @@ def cast_rays(
 
 
 def usable_range(scan: Scan, spec: GridSpec, max_range_m: float) -> float:
-    """Return how far beams are used, m; raises GridError when that is 2**18 cells or more."""
+    """Return how far beams are used, m; raises GridError when that is 2**18 cells or more.
+
+    A sensor that names no range_max (inf) needs `max_range_m`.
+    """
     reach = scan.range_max_m
     if max_range_m > 0.0:
         reach = float(min(reach, max_range_m))
+    if reach == math.inf:
+        raise GridError('range_max is inf: expected a finite one; set max_range')
     if reach / spec.resolution_m >= MAX_RAY_CELLS:
         raise GridError(
             f'range {reach:g} m is {reach / spec.resolution_m:.3g} cells of '

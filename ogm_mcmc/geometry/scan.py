@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -11,7 +12,19 @@ import numpy as np
 from ogm_mcmc.arrays import AnyArray, Float32Array, Float64Array
 from ogm_mcmc.errors import ScanError
 
-__all__ = ['Scan', 'beam_directions']
+__all__ = ['Remark', 'Scan', 'beam_directions', 'say_nothing']
+
+# Beams may go round once; the last one may meet the first.
+WIDEST_SPAN_RAD = 2.0 * math.pi + 0.1
+
+# No planar lidar takes longer for a sweep.
+LONGEST_SWEEP_S = 10.0
+
+Remark = Callable[[str], object]
+
+
+def say_nothing(text: str) -> None:
+    """Take a remark and forget it."""
 
 
 @lru_cache(maxsize=32)
@@ -31,7 +44,9 @@ class Scan:
     `ranges_m` (B,) float32: +inf, nothing hit up to `range_max_m`; -inf and nan, no information;
     outside [range_min_m, range_max_m], no information. Beam i points at
     `angle_min_rad + i * angle_increment_rad`, counter-clockwise seen from above the sensor.
-    `beam_width_rad`: full angle of a beam that is a cone, 0 for a narrow one.
+    `beam_width_rad`: full angle of a beam that is a cone, 0 for a narrow one. Beam i was measured
+    at `stamp_ns` + i * `time_increment_s`, and a sweep is taken every `scan_time_s`; 0: not known.
+    `range_max_m` is inf where the sensor does not say.
     """
 
     ranges_m: Float32Array
@@ -42,6 +57,8 @@ class Scan:
     stamp_ns: int = 0
     frame_id: str = ''
     beam_width_rad: float = 0.0
+    time_increment_s: float = 0.0
+    scan_time_s: float = 0.0
 
     @classmethod
     def checked(
@@ -56,11 +73,16 @@ class Scan:
         stamp_ns: int = 0,
         frame_id: str = '',
         beam_width_rad: float = 0.0,
+        time_increment_s: float = 0.0,
+        scan_time_s: float = 0.0,
+        remark: Remark = say_nothing,
     ) -> Scan:
         """Validate what came from outside; raises ScanError with the reason.
 
-        With `angle_max_rad` the number of ranges must agree with the angles to within one beam
-        (drivers differ in whether the last angle is included).
+        With `angle_max_rad` the angles must make sense together. When the number of ranges
+        disagrees with it by more than a beam (drivers differ in whether the last angle is
+        included), `remark` is told, and the increment counts. So is it of times that no lidar
+        has: they become 0.
         """
         # Always a copy: a read-only array would be another type to the kernels.
         ranges = np.array(ranges_m, dtype=np.float32)
@@ -74,15 +96,21 @@ class Scan:
             )
         if count > 1 and angle_increment_rad == 0.0:
             raise ScanError(f'angle_increment is 0 with {count} ranges: expected another value')
-        if not 0.0 <= range_min_m < range_max_m < math.inf:
+        if not 0.0 <= range_min_m < range_max_m:
             raise ScanError(
                 f'range_min {range_min_m}, range_max {range_max_m}: '
-                'expected 0 <= range_min < range_max, both finite'
+                'expected 0 <= range_min < range_max'
             )
         if not 0.0 <= beam_width_rad < math.pi:
             raise ScanError(f'beam width {beam_width_rad}: expected 0 to less than pi')
         if angle_max_rad is not None and count > 1:
-            _check_angles(count, angle_min_rad, angle_max_rad, angle_increment_rad)
+            _check_angles(count, angle_min_rad, angle_max_rad, angle_increment_rad, remark)
+        if not 0.0 <= time_increment_s * (count - 1) <= LONGEST_SWEEP_S:
+            remark(f'time_increment is {time_increment_s:g} s for {count} beams: taken as 0')
+            time_increment_s = 0.0
+        if not 0.0 <= scan_time_s <= LONGEST_SWEEP_S:
+            remark(f'scan_time is {scan_time_s:g} s: taken as 0')
+            scan_time_s = 0.0
         return cls(
             ranges,
             float(angle_min_rad),
@@ -92,6 +120,8 @@ class Scan:
             stamp_ns,
             frame_id,
             float(beam_width_rad),
+            float(time_increment_s),
+            float(scan_time_s),
         )
 
     def directions(self) -> Float64Array:
@@ -99,7 +129,10 @@ class Scan:
         return beam_directions(self.angle_min_rad, self.angle_increment_rad, self.ranges_m.size)
 
     def flipped(self) -> Scan:
-        """Return the scan of a sensor that hangs head down, as an upright one would give it."""
+        """Return the scan of a sensor that hangs head down, as an upright one would give it.
+
+        Beams keep their order, and so their times.
+        """
         return replace(
             self,
             angle_min_rad=-self.angle_min_rad,
@@ -107,9 +140,18 @@ class Scan:
         )
 
 
-def _check_angles(count: int, angle_min: float, angle_max: float, increment: float) -> None:
+def _check_angles(
+    count: int, angle_min: float, angle_max: float, increment: float, remark: Remark
+) -> None:
+    span = (count - 1) * abs(increment)
+    if span > WIDEST_SPAN_RAD:
+        raise ScanError(
+            f'ranges: {count} of them in steps of {increment:.6g} rad go over {span:.3g} rad: '
+            'expected at most one turn'
+        )
     if not math.isfinite(angle_max):
-        raise ScanError(f'angle_max is {angle_max}: expected a finite number')
+        remark(f'angle_max is {angle_max}: angle_min and angle_increment are used')
+        return
     steps = (angle_max - angle_min) / increment
     if steps < 0.0:
         raise ScanError(
@@ -117,7 +159,7 @@ def _check_angles(count: int, angle_min: float, angle_max: float, increment: flo
             f'for angles from {angle_min:.6g} to {angle_max:.6g}'
         )
     if abs(count - (steps + 1.0)) > 1.5:
-        raise ScanError(
-            f'ranges: {count} of them, but angles from {angle_min:.6g} to {angle_max:.6g} '
-            f'in steps of {increment:.6g} make {steps + 1.0:.0f}'
+        remark(
+            f'{count} ranges, but angles from {angle_min:.6g} to {angle_max:.6g} in steps of '
+            f'{increment:.6g} make {steps + 1.0:.0f}: angle_min and angle_increment are used'
         )

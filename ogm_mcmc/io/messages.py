@@ -7,11 +7,11 @@ reader checks what it reads and raises ScanError or PoseError with field, value 
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ogm_mcmc.arrays import Float64Array
+from ogm_mcmc.arrays import AnyArray, Float32Array, Float64Array
 from ogm_mcmc.errors import PoseError, ScanError
 from ogm_mcmc.geometry import (
     CellBox,
@@ -22,8 +22,10 @@ from ogm_mcmc.geometry import (
     Scan,
     pose_from_quaternion,
 )
+from ogm_mcmc.geometry.scan import Remark, say_nothing
 
 __all__ = [
+    'FrameTransform',
     'fill_grid_header',
     'fill_grid_update',
     'frame_of',
@@ -31,6 +33,7 @@ __all__ = [
     'read_pose',
     'read_range',
     'read_scan',
+    'read_transforms',
     'stamp_of',
     'time_parts',
 ]
@@ -39,6 +42,12 @@ NS_PER_S = 1_000_000_000
 
 # Smaller negative eigenvalues are rounding of the sender, m^2 or rad^2.
 COVARIANCE_SLACK = 1e-9
+
+# No robot is further from the origin of its map.
+FURTHEST_M = 1e6
+
+# m^2 or rad^2: a belief wider than 1 km knows nothing.
+WIDEST_VARIANCE = 1e6
 
 
 def stamp_of(msg: Any) -> int:
@@ -57,13 +66,17 @@ def frame_of(msg: Any) -> str:
     return str(msg.header.frame_id).lstrip('/')
 
 
-def read_scan(msg: Any) -> Scan:
-    """Read a sensor_msgs/LaserScan. Raises ScanError when it contradicts itself."""
+def read_scan(msg: Any, remark: Remark = say_nothing) -> Scan:
+    """Read a sensor_msgs/LaserScan. Raises ScanError when it contradicts itself beyond use.
+
+    A reading of exactly range_max is what many drivers send when nothing was hit: it becomes inf,
+    as REP 117 would have it. `remark` is told in a line what was odd and how it was understood.
+    """
     ranges = msg.ranges
-    # array.array of rclpy shares its memory with the message; the message is not used again.
+    # array.array of rclpy shares its memory with the message.
     values = ranges if isinstance(ranges, np.ndarray) else np.frombuffer(ranges, np.float32)
     return Scan.checked(
-        values,
+        _no_returns(values, float(msg.range_max)),
         angle_min_rad=float(msg.angle_min),
         angle_max_rad=float(msg.angle_max),
         angle_increment_rad=float(msg.angle_increment),
@@ -71,7 +84,19 @@ def read_scan(msg: Any) -> Scan:
         range_max_m=float(msg.range_max),
         stamp_ns=stamp_of(msg),
         frame_id=frame_of(msg),
+        time_increment_s=float(msg.time_increment),
+        scan_time_s=float(msg.scan_time),
+        remark=remark,
     )
+
+
+def _no_returns(ranges: AnyArray, furthest: float) -> Float32Array:
+    """Return a copy of ranges (B,) in which those of exactly `furthest` are inf."""
+    # A message holds float32; whoever fills one in Python may have given more digits.
+    with np.errstate(over='ignore'):
+        readings = np.array(ranges, np.float32)
+        readings[readings == np.float32(furthest)] = np.inf
+    return readings
 
 
 def read_range(msg: Any) -> Scan:
@@ -80,14 +105,14 @@ def read_range(msg: Any) -> Scan:
     A reading of exactly max_range is what many drivers send when no echo came: it becomes inf,
     as REP 117 would have it.
     """
-    reading, furthest = float(msg.range), float(msg.max_range)
+    furthest = float(msg.max_range)
     if float(msg.min_range) == furthest:
         raise ScanError(
             f'min_range and max_range are both {furthest:g}: expected a sensor that measures '
             'distances, not one of a fixed distance'
         )
     return Scan.checked(
-        np.array([math.inf if reading == furthest else reading]),
+        _no_returns(np.array([float(msg.range)]), furthest),
         angle_min_rad=0.0,
         angle_increment_rad=0.0,
         range_min_m=float(msg.min_range),
@@ -98,39 +123,58 @@ def read_range(msg: Any) -> Scan:
     )
 
 
-def read_pose(msg: Any) -> PoseBelief:
+def read_pose(msg: Any, *, with_covariance: bool = True) -> PoseBelief:
     """Read PoseWithCovarianceStamped, Odometry or PoseStamped.
 
-    Raises PoseError for a pose that is not finite or not level, or a covariance that is not
-    positive semi-definite. An all-zero covariance is a known pose.
+    Raises PoseError for a pose that is not finite, not level or further than any robot goes, or a
+    covariance that is not positive semi-definite or too wide to say anything. An all-zero
+    covariance is a known pose. With `with_covariance` false the covariance is not looked at.
     """
     holder = msg.pose
     pose = getattr(holder, 'pose', holder)
     mean = _planar(pose)
-    flat = getattr(holder, 'covariance', None)
+    flat = getattr(holder, 'covariance', None) if with_covariance else None
     if flat is None:
         return PoseBelief(mean)
-    full = np.asarray(flat, np.float64).reshape(6, 6)
-    covariance = _checked_covariance(full[np.ix_((0, 1, 5), (0, 1, 5))])
+    full = np.asarray(flat, np.float64)
+    if full.size != 36:
+        raise PoseError(f'covariance: expected 36 numbers, got {full.size}')
+    covariance = _checked_covariance(full.reshape(6, 6)[np.ix_((0, 1, 5), (0, 1, 5))])
     return PoseBelief(mean, covariance)
 
 
 def _planar(pose: Any) -> Pose2D:
-    position, q = pose.position, pose.orientation
-    quaternion = (float(q.x), float(q.y), float(q.z), float(q.w))
-    numbers = (float(position.x), float(position.y), *quaternion)
-    if not all(map(math.isfinite, numbers)):
-        raise PoseError(f'pose {numbers[:2]} {quaternion}: expected finite numbers')
-    planar, upside_down = pose_from_quaternion(numbers[:2], quaternion)
+    place = _checked_place(pose.position, ('x', 'y'))
+    planar, upside_down = pose_from_quaternion(
+        (place[0], place[1]), _checked_quaternion(pose.orientation)
+    )
     if upside_down:
         raise PoseError('pose is upside down: expected the robot on its feet')
     return planar
 
 
+def _checked_place(position: Any, axes: tuple[str, ...]) -> tuple[float, ...]:
+    place = tuple(float(getattr(position, axis)) for axis in axes)
+    if not all(abs(value) <= FURTHEST_M for value in place):
+        raise PoseError(f'position {place}: expected finite numbers up to {FURTHEST_M:g} m')
+    return place
+
+
+def _checked_quaternion(q: Any) -> tuple[float, float, float, float]:
+    quaternion = (float(q.x), float(q.y), float(q.z), float(q.w))
+    if not all(map(math.isfinite, quaternion)):
+        raise PoseError(f'orientation {quaternion}: expected finite numbers')
+    return quaternion
+
+
 def _checked_covariance(covariance: Float64Array) -> Float64Array:
-    if not np.isfinite(covariance).all():
-        raise PoseError('covariance: expected finite numbers')
-    scale = max(1.0, float(np.abs(covariance).max()))
+    widest = float(np.abs(covariance).max())  # nan if any is
+    if not widest <= WIDEST_VARIANCE:
+        raise PoseError(
+            f'covariance of x, y, yaw has {widest:.3g} in it: '
+            f'expected finite numbers up to {WIDEST_VARIANCE:g}'
+        )
+    scale = max(1.0, widest)
     if np.abs(covariance - covariance.T).max() > 1e-6 * scale:
         raise PoseError('covariance of x, y, yaw: expected a symmetric matrix')
     lowest = float(np.linalg.eigvalsh(covariance)[0])
@@ -150,12 +194,57 @@ def read_particles(msg: Any) -> PoseBelief:
     weights = None
     if hasattr(msg, 'particles'):
         planar = [_planar(particle.pose) for particle in msg.particles]
-        weights = np.array([float(particle.weight) for particle in msg.particles])
+        weights = _in_proportion([float(particle.weight) for particle in msg.particles])
     else:
         planar = [_planar(pose) for pose in msg.poses]
     table = np.array([(p.x_m, p.y_m, p.yaw_rad) for p in planar])
     samples = PoseSamples.checked(table, weights)
     return PoseBelief(samples.mean(), samples.covariance(), samples)
+
+
+def _in_proportion(weights: list[float]) -> Float64Array:
+    """Return weights whose sum cannot overflow, the heaviest 1."""
+    heaviest = max(map(abs, weights), default=0.0)
+    if 0.0 < heaviest < math.inf:
+        return np.array([weight / heaviest for weight in weights])
+    return np.array(weights)
+
+
+class FrameTransform(NamedTuple):
+    """Where a frame lies in its parent: translation x, y, z in m, rotation x, y, z, w."""
+
+    parent: str
+    child: str
+    stamp_ns: int
+    translation: tuple[float, float, float]
+    rotation: tuple[float, float, float, float]
+
+
+def read_transforms(msg: Any, remark: Remark = say_nothing) -> list[FrameTransform]:
+    """Read a tf2_msgs/TFMessage; `remark` is told of each transform that cannot be used.
+
+    Names lose the leading slash of ROS 1, rotations are of length 1.
+    """
+    transforms = []
+    for stamped in msg.transforms:
+        try:
+            transforms.append(_checked_transform(stamped))
+        except PoseError as error:
+            remark(f'transform from {frame_of(stamped)!r} to {stamped.child_frame_id!r}: {error}')
+    return transforms
+
+
+def _checked_transform(stamped: Any) -> FrameTransform:
+    parent, child = frame_of(stamped), str(stamped.child_frame_id).lstrip('/')
+    if not parent or not child or parent == child:
+        raise PoseError('expected two frames with names')
+    x, y, z = _checked_place(stamped.transform.translation, ('x', 'y', 'z'))
+    quaternion = _checked_quaternion(stamped.transform.rotation)
+    norm = math.hypot(*quaternion)
+    if not 0.99 < norm < 1.01:
+        raise PoseError(f'quaternion {quaternion}: expected unit length, got {norm:.3g}')
+    qx, qy, qz, qw = (part / norm for part in quaternion)
+    return FrameTransform(parent, child, stamp_of(stamped), (x, y, z), (qx, qy, qz, qw))
 
 
 def fill_grid_header(msg: Any, spec: GridSpec, frame_id: str, stamp_ns: int) -> None:

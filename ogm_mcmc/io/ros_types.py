@@ -17,8 +17,10 @@ __all__ = [
     'PARTICLES',
     'PARTICLE_CLOUD',
     'POSE',
+    'POSE_STAMPED',
     'RANGE',
     'SCAN',
+    'TRANSFORMS',
     'laser_scan',
     'odometry',
     'pose_array',
@@ -32,6 +34,8 @@ PARTICLES = 'geometry_msgs/msg/PoseArray'
 PARTICLE_CLOUD = 'nav2_msgs/msg/ParticleCloud'
 RANGE = 'sensor_msgs/msg/Range'
 ODOMETRY = 'nav_msgs/msg/Odometry'
+POSE_STAMPED = 'geometry_msgs/msg/PoseStamped'
+TRANSFORMS = 'tf2_msgs/msg/TFMessage'
 
 
 def _make(name: str, *fields: Any) -> Any:

@@ -48,7 +48,9 @@ class Pacer:
 
     def sent(self, publisher: Publisher, stopped: threading.Event) -> None:
         """Count a message; wait when its topic has used up the window."""
-        self._since[publisher.topic_name] += 1
+        if publisher.get_subscription_count() > 0:
+            # What nobody takes need not be waited for.
+            self._since[publisher.topic_name] += 1
         subscriptions = sum(p.get_subscription_count() for p in self.publishers.values())
         if subscriptions != self._subscriptions:
             # Somebody came or went: whoever came must not be flooded until the next look.

@@ -28,7 +28,7 @@ from ogm_mcmc.config import add_arguments, given
 from ogm_mcmc.config.nodes import ReplayConfig
 from ogm_mcmc.errors import BagError, ConfigError
 from ogm_mcmc.files.user_paths import user_path
-from ogm_mcmc.io.bags import BagReader, BagRecord, BagTopic
+from ogm_mcmc.io.bags import BagReader, BagRecord, BagTopic, Offer
 from ogm_mcmc.io.messages import time_parts
 from ogm_mcmc.ros.pacing import Pacer
 from ogm_mcmc.ros.parameters import ParameterSet
@@ -39,6 +39,14 @@ __all__ = ['Replay', 'main', 'replay']
 LONGEST_SLEEP_S = 0.05
 CLOCK_PERIOD_S = 0.01
 
+# Stamps further apart are a stray one or another clock: nobody waits for that.
+LONGEST_GAP_S = 60.0
+
+# Of what a recording does not say.
+DEFAULT_DEPTH = 100
+
+LATEST_S = 2**31 - 1  # what a time message holds
+
 
 @dataclass(slots=True)
 class ReplayCounts:
@@ -47,6 +55,7 @@ class ReplayCounts:
     published: Counter[str]
     skipped_topics: dict[str, str]
     skipped_messages: int = 0
+    skipped_seconds: float = 0.0
     loops: int = 0
     seconds: float = 0.0
 
@@ -56,14 +65,16 @@ class ReplayCounts:
             'published': dict(self.published),
             'skipped_topics': self.skipped_topics,
             'skipped_messages': self.skipped_messages,
+            'skipped_seconds': round(self.skipped_seconds, 3),
             'loops': self.loops,
             'seconds': round(self.seconds, 3),
         }
 
 
 class Replay(Node):
-    """Publishes the stored bytes as they are; ROS 1 messages are converted, not decoded.
+    """Publishes the stored bytes as they are; those of ROS 1 or older types are converted.
 
+    Topics are latched as they were recorded. All are reliable, which serves every subscriber.
     rate 1 keeps the times of the recording, 0 goes as fast as the subscribers keep up: see
     `ogm_mcmc.ros.pacing`.
     """
@@ -80,6 +91,7 @@ class Replay(Node):
             self.running.clear()
         self.stopped = threading.Event()
         self.failure: BaseException | None = None
+        self.unheard = False
         self.outlets: dict[str, Publisher] = {}
         self.pacer = Pacer(self, self.outlets)
         self._wall = 0.0  # when the first message was due, on the steady clock
@@ -103,8 +115,10 @@ class Replay(Node):
         """Publish the whole bag, again and again with `loop`; runs in its own thread."""
         with BagReader(self.bag) as bag:
             chosen = self._choose(bag)
-            self._advertise(chosen)
+            self._advertise(bag, chosen)
             self._wait_for_subscribers()
+            if self.unheard:
+                return
             started = time.monotonic()
             while not self.stopped.is_set():
                 self._play_once(bag, [topic.name for topic in chosen])
@@ -129,19 +143,23 @@ class Replay(Node):
         for topic in chosen:
             if topic.name == '/clock' and self.clock_outlet is not None:
                 self.counts.skipped_topics[topic.name] = 'the clock is made anew'
+            elif reason := bag.unsendable(topic.name):
+                self._skip(topic, reason)
             elif _message_class(topic.msgtype) is None:
                 self._skip(topic, f'its type {topic.msgtype} is not installed')
             else:
                 usable.append(topic)
         if not usable:
-            raise BagError(f'{bag.path}: no topic in it can be published')
+            raise BagError(
+                f'{bag.path}: no topic in it can be published: expected at least one that can'
+            )
         return usable
 
     def _skip(self, topic: BagTopic, reason: str) -> None:
         self.counts.skipped_topics[topic.name] = reason
         self.get_logger().warning(f'{topic.name} is left out: {reason}')
 
-    def _advertise(self, topics: list[BagTopic]) -> None:
+    def _advertise(self, bag: BagReader, topics: list[BagTopic]) -> None:
         renamed = _remaps(self.settings.remap)
         for old in renamed.keys() - {topic.name.lstrip('/') for topic in topics}:
             raise ConfigError(f'remap of {old}: no such topic is published')
@@ -150,7 +168,9 @@ class Replay(Node):
             # Absolute names become relative, so that namespaces and ROS remaps apply.
             name = renamed.get(topic.name.lstrip('/'), topic.name.lstrip('/'))
             try:
-                outlet = self.create_publisher(message_class, name, _profile(topic))
+                outlet = self.create_publisher(
+                    message_class, name, _profile(topic.name, bag.offer(topic.name))
+                )
             except (NameValidationException, RCLError) as error:
                 reason = ' '.join(str(error).split())
                 raise ConfigError(
@@ -159,7 +179,9 @@ class Replay(Node):
             self.outlets[topic.name] = outlet
 
     def _wait_for_subscribers(self) -> None:
-        """Wait until every topic that is listened to at all has been discovered."""
+        """Wait until enough topics are listened to; `unheard` if none is in time."""
+        while not self.running.wait(LONGEST_SLEEP_S) and not self.stopped.is_set():
+            pass  # whoever started paused is not in a hurry
         deadline = time.monotonic() + self.settings.wait
         publishers = self.outlets.values()
         while time.monotonic() < deadline and not self.stopped.is_set():
@@ -170,6 +192,13 @@ class Replay(Node):
                 self.stopped.wait(0.2)
                 return
             self.stopped.wait(0.05)
+        nobody = not any(publisher.get_subscription_count() for publisher in publishers)
+        if nobody and self.settings.wait > 0.0 and not self.stopped.is_set():
+            self.unheard = True
+            self.get_logger().error(
+                f'nobody listened to {", ".join(p.topic_name for p in publishers)} within '
+                f'{self.settings.wait:g} s: expected a subscriber (or --wait 0)'
+            )
 
     # -- publishing -------------------------------------------------------------------------
 
@@ -181,18 +210,32 @@ class Replay(Node):
                 f'{bag.duration_ns / 1e9:g} s the bag lasts'
             )
         total = sum(topic.n_messages for topic in bag.topics() if topic.name in topics)
-        self._wall = time.monotonic()
+        self._wall, last_ns = time.monotonic(), start_ns
         bar = tqdm(
             total=total, unit=' msg', desc='replay', disable=not self.settings.progress, leave=True
         )
         with bar:
             for record in bag.records(topics, start_ns):
+                self._skip_gap(last_ns, record.time_ns)
+                last_ns = max(last_ns, record.time_ns)
                 self._wait_until_due(record.time_ns, start_ns)
                 if self.stopped.is_set():
                     return
                 self._send_clock(record.time_ns)
                 self._publish(bag, record)
                 bar.update()
+
+    def _skip_gap(self, last_ns: int, time_ns: int) -> None:
+        """Go on at once where the times jump, and say so."""
+        gap_s = (time_ns - last_ns) / 1e9
+        if gap_s <= LONGEST_GAP_S:
+            return
+        if self.settings.rate > 0.0:
+            self.counts.skipped_seconds += gap_s
+            self._wall -= gap_s / self.settings.rate
+            self.get_logger().warning(
+                f'the times jump by {gap_s:.0f} s to {time_ns / 1e9:.3f} s: not waiting for that'
+            )
 
     def _wait_until_due(self, time_ns: int, start_ns: int) -> None:
         """Sleep until a message is due, with the clock going on; a pause puts everything off."""
@@ -213,22 +256,22 @@ class Replay(Node):
             time.sleep(min(left, LONGEST_SLEEP_S if self.clock_outlet is None else CLOCK_PERIOD_S))
 
     def _send_clock(self, time_ns: int) -> None:
-        if self.clock_outlet is None:
+        seconds, nanoseconds = time_parts(max(0, time_ns))
+        if self.clock_outlet is None or seconds > LATEST_S:
             return
         message = Clock()
-        message.clock.sec, message.clock.nanosec = time_parts(max(0, time_ns))
+        message.clock.sec, message.clock.nanosec = seconds, nanoseconds
         self.clock_outlet.publish(message)
 
     def _publish(self, bag: BagReader, record: BagRecord) -> None:
+        publisher = self.outlets[record.topic]
         try:
-            raw = bag.cdr(record)
-        except BagError as error:
+            publisher.publish(bag.cdr(record))
+        except (BagError, RCLError) as error:
             self.counts.skipped_messages += 1
             if self.counts.skipped_messages == 1:
-                self.get_logger().warning(f'message left out: {error}')
+                self.get_logger().warning(f'message left out: {" ".join(str(error).split())}')
             return
-        publisher = self.outlets[record.topic]
-        publisher.publish(raw)
         self.counts.published[record.topic] += 1
         if self.settings.rate == 0.0:
             self.pacer.sent(publisher, self.stopped)
@@ -260,10 +303,14 @@ def _remaps(text: str) -> dict[str, str]:
     return remaps
 
 
-def _profile(topic: BagTopic) -> QoSProfile:
-    latched = topic.name.endswith(('/tf_static', '/map'))
+def _profile(name: str, offer: Offer) -> QoSProfile:
+    # Old recordings do not say what was latched; of these two everybody knows.
+    latched = offer.latched or name.endswith(('/tf_static', '/map'))
+    depth = offer.depth if offer.latched else DEFAULT_DEPTH
+    if name.endswith('/tf_static'):
+        depth = max(depth, DEFAULT_DEPTH)  # one publisher for the transforms of many
     return QoSProfile(
-        depth=100,
+        depth=depth,
         reliability=ReliabilityPolicy.RELIABLE,
         durability=(DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE),
     )
@@ -291,7 +338,10 @@ def _spin_while_playing(node: Replay, told: StopSignal) -> None:
 
 
 def replay(options: argparse.Namespace, ros_args: list[str] | None = None) -> int:
-    """Run the node with the options of the command line; return the exit code."""
+    """Run the node with the options of the command line; return the exit code.
+
+    1: nobody listened; 2: a user's mistake.
+    """
     named = given(options, ReplayConfig)
     overrides = [Parameter(name, value=value) for name, value in named.items()]
     nodes: list[Replay] = []
@@ -302,6 +352,8 @@ def replay(options: argparse.Namespace, ros_args: list[str] | None = None) -> in
         return nodes[0]
 
     code = run_node(make, ros_args, _spin_while_playing)
+    if nodes and nodes[0].unheard:
+        code = code or 1
     if options.json and nodes:
         print(json.dumps(nodes[0].counts.as_dict()))
     return code

@@ -169,6 +169,13 @@ def test_too_long_for_the_fixed_point_walk():
     assert cast_rays(scan, Pose2D(), METRE_CELLS, max_range_m=100.0).n_rays == 1
 
 
+def test_a_sensor_without_range_max_needs_a_limit():
+    scan = ahead(1.0, range_max=math.inf)
+    with pytest.raises(GridError, match='range_max is inf: expected a finite one; set max_range'):
+        cast_rays(scan, Pose2D(), METRE_CELLS)
+    assert cast_rays(scan, Pose2D(), METRE_CELLS, max_range_m=100.0).n_rays == 1
+
+
 @pytest.mark.parametrize('pose', [Pose2D(2.0**40, 0.0), Pose2D(0.0, -1e13)])
 def test_too_far_away(pose):
     with pytest.raises(GridError, match='too far from the map to place'):

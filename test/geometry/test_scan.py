@@ -1,4 +1,5 @@
 import math
+import re
 
 import numpy as np
 import pytest
@@ -59,15 +60,12 @@ def test_whole_numbers_become_floats():
         ({'range_min_m': 10.0}, 'range_min 10.0, range_max 10.0: expected'),
         ({'range_min_m': math.nan}, 'range_min nan'),
         ({'range_max_m': 0.05}, 'range_min 0.1, range_max 0.05'),
-        ({'range_max_m': math.inf}, 'range_max inf: expected .* both finite'),
         ({'range_max_m': math.nan}, 'range_max nan'),
-        ({'angle_max_rad': math.nan}, 'angle_max is nan: expected a finite number'),
         ({'angle_max_rad': -2.0}, 'angle_increment 1 has the wrong sign for angles from -1 to -2'),
         (
-            {'angle_max_rad': 4.0},
-            'ranges: 3 of them, but angles from -1 to 4 in steps of 1 make 6',
+            {'angle_increment_rad': 3.3, 'angle_max_rad': 5.6},
+            'ranges: 3 of them in steps of 3.3 rad go over 6.6 rad: expected at most one turn',
         ),
-        ({'angle_max_rad': -1.0}, 'ranges: 3 of them, but .* make 1'),
     ],
 )
 def test_refused(change, message):
@@ -78,6 +76,44 @@ def test_refused(change, message):
 @pytest.mark.parametrize('angle_max', [0.0, 1.0, 2.0, 0.9999])
 def test_drivers_may_leave_the_last_angle_out_or_add_one(angle_max):
     assert scan(angle_max_rad=angle_max).ranges_m.size == 3
+
+
+@pytest.mark.parametrize(
+    ('angle_max', 'remark'),
+    [
+        (4.0, '3 ranges, but angles from -1 to 4 in steps of 1 make 6: .* are used'),
+        (-1.0, '3 ranges, but .* make 1: angle_min and angle_increment are used'),
+        (math.nan, 'angle_max is nan: angle_min and angle_increment are used'),
+    ],
+)
+def test_the_increment_counts_where_the_last_angle_disagrees(angle_max, remark):
+    remarks = []
+    odd = scan(angle_max_rad=angle_max, remark=remarks.append)
+    assert odd.directions() == approx(scan().directions())
+    assert len(remarks) == 1
+    assert re.search(remark, remarks[0])
+
+
+def test_times_of_the_beams_are_kept():
+    remarks = []
+    timed = scan(time_increment_s=0.25, scan_time_s=1.0, remark=remarks.append)
+    assert (timed.time_increment_s, timed.scan_time_s) == (0.25, 1.0)
+    assert timed.flipped().time_increment_s == 0.25
+    assert timed.flipped().ranges_m is timed.ranges_m  # beam i is still the i-th
+    assert remarks == []
+    assert (scan().time_increment_s, scan().scan_time_s) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize('time_s', [-0.1, math.nan, math.inf, -math.inf, 5.1])
+def test_times_that_no_lidar_has_are_not_known(time_s):
+    remarks = []
+    assert scan(time_increment_s=time_s, remark=remarks.append).time_increment_s == 0.0
+    assert scan(scan_time_s=2 * time_s, remark=remarks.append).scan_time_s == 0.0
+    assert [text.split(' is ')[0] for text in remarks] == ['time_increment', 'scan_time']
+
+
+def test_a_sensor_may_not_say_how_far_it_sees():
+    assert scan(range_max_m=math.inf).range_max_m == math.inf
 
 
 def test_a_single_beam_needs_no_increment():

@@ -147,6 +147,27 @@ def test_find(write_bag, make_scan, make_pose):
             bag.find('odometry', [ros_types.ODOMETRY])
 
 
+@pytest.mark.parametrize(
+    ('msgtype', 'node'),
+    [
+        ('sensor_msgs/msg/MultiEchoLaserScan', 'MultiEchoLaserScan: laser_proc makes'),
+        ('sensor_msgs/msg/PointCloud2', 'PointCloud2: pointcloud_to_laserscan makes'),
+    ],
+)
+def test_find_names_what_makes_scans(tmp_path, msgtype, node):
+    writer = Ros2Writer(tmp_path / 'bag', version=9, storage_plugin=StoragePlugin.MCAP)
+    with writer:
+        writer.write(writer.add_connection('/echo', msgtype, typestore=typestore()), 1, b'')
+    with BagReader(tmp_path / 'bag') as bag:
+        with pytest.raises(BagError, match=f'no scans in it: .*/echo is {node}'):
+            bag.find('scans', [ros_types.SCAN])
+        with pytest.raises(BagError, match=f'topic echo has type .*/echo is {node}'):
+            bag.find('scans', [ros_types.SCAN], 'echo')
+        with pytest.raises(BagError, match='no poses in it') as caught:
+            bag.find('poses', [ros_types.POSE])
+        assert 'makes LaserScan' not in str(caught.value)
+
+
 def test_find_prefers_topics_with_messages(tmp_path, make_scan):
     writer = Ros2Writer(tmp_path / 'bag', version=9, storage_plugin=StoragePlugin.MCAP)
     with writer:

@@ -19,6 +19,7 @@ from ogm_mcmc.io.messages import (
     read_pose,
     read_range,
     read_scan,
+    read_transforms,
     stamp_of,
     time_parts,
 )
@@ -98,11 +99,9 @@ def test_clockwise_and_single_beams_are_fine(make_scan, shape):
         ({'angle_increment': -0.5}, 'wrong sign'),
         ({'angle_increment': math.inf}, 'expected finite numbers'),
         ({'angle_min': math.nan}, 'angle_min nan'),
-        ({'angle_max': math.inf}, 'angle_max is inf'),
-        ({'angle_max': 2.0}, 'make 7'),
         ({'range_min': -0.5}, 'range_min -0.5'),
         ({'range_max': 0.0}, 'range_max 0.0'),
-        ({'range_max': math.nan}, 'both finite'),
+        ({'range_max': math.nan}, 'range_max nan: expected 0 <= range_min < range_max'),
     ],
 )
 def test_scan_that_contradicts_itself(make_scan, shape, fields, reason):
@@ -111,6 +110,37 @@ def test_scan_that_contradicts_itself(make_scan, shape, fields, reason):
         setattr(message, name, value)
     with pytest.raises(ScanError, match=reason):
         read_scan(shape(message))
+
+
+def test_a_reading_of_range_max_is_no_return(make_scan, shape):
+    # 3.3 and 5.6 are no float32: the header's digits may be more than those of the readings.
+    for furthest in (3.5, 3.3, 5.6, float(np.float32(5.6))):
+        below = np.nextafter(np.float32(furthest), np.float32(0.0))
+        ranges = [1.0, furthest, below, math.nan, 2.0]
+        scan = read_scan(shape(make_scan(7, ranges=ranges, range_max=furthest)))
+        expected = np.array([1.0, math.inf, below, math.nan, 2.0], np.float32)
+        assert np.array_equal(scan.ranges_m, expected, equal_nan=True)
+
+
+def test_a_sensor_without_range_max(make_scan, shape):
+    scan = read_scan(shape(make_scan(7, range_max=math.inf)))
+    assert scan.range_max_m == math.inf
+    assert scan.ranges_m.tolist() == [1.0, 2.0, math.inf, 3.0, 4.0]
+
+
+@pytest.mark.parametrize('angle_max', [2.0, -1.0, math.nan, math.inf])
+def test_count_that_disagrees_with_the_header_is_remarked(make_scan, shape, angle_max):
+    remarks = []
+    scan = read_scan(shape(make_scan(7, angle_max=angle_max)), remarks.append)
+    assert (scan.angle_min_rad, scan.angle_increment_rad, scan.ranges_m.size) == (-1.0, 0.5, 5)
+    assert len(remarks) == 1
+    assert 'angle_min and angle_increment are used' in remarks[0]
+
+
+def test_times_of_a_scan(make_scan, shape):
+    scan = read_scan(shape(make_scan(7, time_increment=0.001, scan_time=0.1)))
+    assert (scan.time_increment_s, scan.scan_time_s) == (0.001, 0.1)
+    assert read_scan(shape(make_scan(7, time_increment=-0.001))).time_increment_s == 0.0
 
 
 def test_read_pose_with_covariance(make_pose, shape):
@@ -179,6 +209,76 @@ def test_covariance_may_be_negative_by_rounding_only(make_pose, shape, lowest, f
     else:
         with pytest.raises(PoseError, match='positive semi-definite'):
             read_pose(message)
+
+
+@pytest.mark.parametrize('value', [math.nan, math.inf, -math.inf, 1e308, -1e308, 2e6])
+def test_covariance_that_says_nothing(make_pose, shape, value):
+    message = make_pose(7, x=1.0)
+    message.pose.covariance[5 * 6 + 5] = value
+    with pytest.raises(PoseError, match=r'covariance of x, y, yaw has .* expected finite'):
+        read_pose(shape(message))
+    belief = read_pose(shape(message), with_covariance=False)
+    assert belief == (Pose2D(1.0, 0.0, 0.0), None, None)
+
+
+@pytest.mark.parametrize('where', [1.1e6, -1.1e6, 1e308, math.nan, math.inf])
+def test_pose_further_than_any_robot_goes(make_pose, shape, where):
+    message = make_pose(7)
+    message.pose.pose.position.y = where
+    with pytest.raises(PoseError, match=r'position .*: expected finite numbers up to 1e\+06 m'):
+        read_pose(shape(message))
+
+
+def tf_message(*transforms):
+    types = typestore().types
+    return types['tf2_msgs/msg/TFMessage'](
+        [
+            types['geometry_msgs/msg/TransformStamped'](
+                types['std_msgs/msg/Header'](types['builtin_interfaces/msg/Time'](5, 7), parent),
+                child,
+                types['geometry_msgs/msg/Transform'](
+                    types['geometry_msgs/msg/Vector3'](*translation),
+                    types['geometry_msgs/msg/Quaternion'](*rotation),
+                ),
+            )
+            for parent, child, translation, rotation in transforms
+        ]
+    )
+
+
+LEVEL = (0.0, 0.0, 0.0, 1.0)
+
+
+def test_read_transforms(shape):
+    message = tf_message(
+        ('/map', '/odom', (1.0, 2.0, 3.0), LEVEL), ('base', 'laser', (0, 0, 0), (1.005, 0, 0, 0))
+    )
+    assert read_transforms(shape(message)) == [
+        ('map', 'odom', 5_000_000_007, (1.0, 2.0, 3.0), LEVEL),
+        ('base', 'laser', 5_000_000_007, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)),
+    ]
+
+
+@pytest.mark.parametrize(
+    'bad',
+    [
+        ('', 'a', (0, 0, 0), LEVEL),
+        ('a', '', (0, 0, 0), LEVEL),
+        ('/a', 'a', (0, 0, 0), LEVEL),
+        ('a', 'b', (0, 0, math.nan), LEVEL),
+        ('a', 'b', (1e7, 0, 0), LEVEL),
+        ('a', 'b', (0, 0, 0), (0, 0, 0, 0)),
+        ('a', 'b', (0, 0, 0), (0, 0, 0, 2)),
+        ('a', 'b', (0, 0, 0), (1e308, 1e308, 0, 0)),
+        ('a', 'b', (0, 0, 0), (math.nan, 0, 0, 1)),
+    ],
+)
+def test_one_bad_transform_leaves_the_others(shape, bad):
+    remarks = []
+    message = tf_message(bad, ('map', 'odom', (1, 2, 3), LEVEL))
+    assert [t.child for t in read_transforms(shape(message), remarks.append)] == ['odom']
+    assert len(remarks) == 1
+    assert 'expected' in remarks[0]
 
 
 def test_read_particles(shape):
@@ -287,6 +387,12 @@ def test_particle_cloud_keeps_its_weights():
     belief = read_particles(weighted((0.0, 0.0, 3.0), (4.0, 2.0, 1.0)))
     assert belief.particles.weights.tolist() == [0.75, 0.25]
     assert (belief.mean.x_m, belief.mean.y_m) == (1.0, 0.5)
+
+
+@pytest.mark.parametrize('scale', [1e308, 5e-324])
+def test_particle_weights_count_in_proportion(scale):
+    belief = read_particles(weighted((0.0, 0.0, scale), (4.0, 2.0, scale)))
+    assert belief.particles.weights.tolist() == [0.5, 0.5]
 
 
 @pytest.mark.parametrize(

@@ -126,7 +126,6 @@ SCAN_FAULTS = {
     'no beams': {'ranges': []},
     'angle_increment 0': {'ranges': FOUR, 'angle_increment': 0.0},
     'wrong sign': {'ranges': FOUR, 'angle_increment': -math.pi / 2},
-    'too few ranges': {'ranges': [1.0] * 2, 'angle_max': 3 * math.pi / 2},
     'too many ranges': {'ranges': [1.0] * 9, 'angle_max': 3 * math.pi / 2},
     'nan angle': {'angle_min': math.nan},
     'range_max below range_min': {'range_max': 0.01},

@@ -9,10 +9,19 @@ import pytest
 
 pytest.importorskip('rclpy', reason='rclpy is not installed: no ROS tests')
 
+from rclpy.qos import DurabilityPolicy
+from rosbags.interfaces import (
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
 from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Ros2Writer
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import LaserScan
 from std_msgs.msg import String
@@ -20,7 +29,8 @@ from std_srvs.srv import SetBool
 from support.ros import NodeProcess, Observer
 
 from ogm_mcmc.io import ros_types
-from ogm_mcmc.io.bags import BagReader, typestore
+from ogm_mcmc.io.bags import BagReader, Offer, typestore
+from ogm_mcmc.ros.replay import _profile
 
 pytestmark = [pytest.mark.ros]
 
@@ -135,8 +145,6 @@ def test_pause_and_loop(bag):
 
 def test_types_that_are_not_installed_are_left_out(tmp_path):
     store = get_typestore(Stores.ROS2_JAZZY)
-    from rosbags.typesys import get_types_from_msg
-
     store.register(get_types_from_msg('float32 x', 'nowhere_msgs/msg/Thing'))
     with Ros2Writer(tmp_path / 'bag', version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         thing = writer.add_connection('/thing', 'nowhere_msgs/msg/Thing', typestore=store)
@@ -152,6 +160,84 @@ def test_types_that_are_not_installed_are_left_out(tmp_path):
         observer.until(lambda: bool(texts), 10.0)
     assert texts[0].data == 'hello'
     assert 'nowhere_msgs/msg/Thing' in done['skipped_topics']['/thing']
+
+
+def test_nobody_listens(bag):
+    with NodeProcess('replay', [str(bag), '--json', '--wait', '0.3']) as player:
+        assert player.wait() == 1, player.output
+    assert 'nobody listened to /scan, /text within 0.3 s' in player.output.replace('//', '/')
+    assert json.loads(player.output.strip().splitlines()[-1])['published'] == {}
+
+
+def test_a_stray_stamp_is_not_waited_for_and_one_wrong_message_is_left_out(tmp_path):
+    store = typestore()
+    text = store.types['std_msgs/msg/String']
+    with Ros2Writer(tmp_path / 'bag', version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connection = writer.add_connection('/text', 'std_msgs/msg/String', typestore=store)
+        # 1970, 53 years later, and after what a time message holds.
+        for stamp_s in (0, 1_700_000_000, 1_700_000_000, 2**33):
+            raw = store.serialize_cdr(text(str(stamp_s)), 'std_msgs/msg/String')
+            writer.write(connection, stamp_s * 10**9, raw)
+        writer.write(connection, (2**33 + 1) * 10**9, b'\x07')
+    with Observer() as observer:
+        texts = observer.collect(String, 'text', 10)
+        with play(tmp_path / 'bag', '--rate', 1, '--clock') as player:
+            done = finished(observer, player)
+        observer.until(lambda: len(texts) == 4, 10.0)
+    assert [message.data for message in texts] == ['0', *['1700000000'] * 2, str(2**33)]
+    assert done['skipped_seconds'] == 2**33
+    assert done['skipped_messages'] == 1
+    assert done['seconds'] < 5.0
+    assert player.output.count('not waiting for that') == 2
+
+
+@pytest.mark.parametrize(('latched', 'depth'), [(True, 3), (False, 100)])
+def test_latched_topics_stay_latched(tmp_path, latched, depth):
+    store = typestore()
+    durability = QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE
+    never = QosTime(0, 0)
+    offer = Qos(
+        QosHistory.KEEP_LAST,
+        3,
+        QosReliability.RELIABLE,
+        durability,
+        never,
+        never,
+        QosLiveliness.AUTOMATIC,
+        never,
+        False,
+    )
+    with Ros2Writer(tmp_path / 'bag', version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connection = writer.add_connection(
+            '/text', 'std_msgs/msg/String', typestore=store, offered_qos_profiles=[offer]
+        )
+        hello = store.types['std_msgs/msg/String']('hello')
+        writer.write(connection, 1, store.serialize_cdr(hello, 'std_msgs/msg/String'))
+    with BagReader(tmp_path / 'bag') as reader:
+        profile = _profile('/text', reader.offer('/text'))
+    assert (profile.durability == DurabilityPolicy.TRANSIENT_LOCAL) == latched
+    assert profile.depth == depth
+
+
+def test_the_known_latched_topics_of_old_recordings():
+    for name in ('/tf_static', '/robot/map'):
+        profile = _profile(name, Offer())
+        assert profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+        assert profile.depth == 100
+    assert _profile('/tf_static', Offer(latched=True, depth=1)).depth == 100
+    assert _profile('/map', Offer(latched=True, depth=1)).depth == 1
+
+
+def test_nothing_left_to_send(tmp_path):
+    store, name = get_typestore(Stores.ROS2_JAZZY), 'nowhere_msgs/msg/Thing'
+    store.register(get_types_from_msg('float32 x', name))
+    with Ros2Writer(tmp_path / 'bag', version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connection = writer.add_connection('/thing', name, typestore=store)
+        writer.write(connection, 1, store.serialize_cdr(store.types[name](1.0), name))
+    with NodeProcess('replay', [str(tmp_path / 'bag')]) as player:
+        assert player.wait() == 2, player.output
+    assert '/thing is left out: its type nowhere_msgs/msg/Thing is not installed' in player.output
+    assert 'no topic in it can be published' in player.output
 
 
 @pytest.mark.parametrize(

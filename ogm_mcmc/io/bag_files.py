@@ -1,0 +1,165 @@
+"""Which files a bag consists of, what they are, and how a broken one is mended.
+
+A storage file is known by its first bytes, so names, suffixes and most of `metadata.yaml` need
+not be right: of a rosbag2 folder only the list of its files is used.
+"""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import yaml
+
+from ogm_mcmc.errors import BagError
+
+if sys.version_info >= (3, 14):
+    from compression import zstd
+else:
+    from backports import zstd
+
+__all__ = ['kind_of', 'mending', 'plain_yaml', 'storage_files', 'unpack_file', 'unpacked']
+
+MAGIC = {
+    b'\x89MCAP0\r\n': 'mcap',
+    b'SQLite format 3\0': 'sqlite3',
+    b'#ROSBAG V': 'ros1',
+    b'\x28\xb5\x2f\xfd': 'zstd',
+}
+SUFFIXES = ('.mcap', '.db3', '.bag', '.zstd')
+
+# Real metadata of thousands of files and topics stays far below.
+LARGEST_YAML = 8_000_000
+
+Loader: Any = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
+
+
+def kind_of(path: Path) -> str:
+    """Return mcap, sqlite3, ros1 or zstd, from the first bytes. Raises BagError for all else."""
+    with path.open('rb') as file:
+        start = file.read(16)
+    for magic, kind in MAGIC.items():
+        if start.startswith(magic):
+            return kind
+    what = 'it is empty' if not start else 'its first bytes are of none of them'
+    raise BagError(f'{path}: {what}: expected an mcap, sqlite3 or ROS 1 recording')
+
+
+def unpacked(raw: bytes) -> bytes:
+    """Return a stored rosbag2 message, decompressed if it was compressed one by one."""
+    # No serialized message begins like this: CDR starts with 0, 0 to 11.
+    return zstd.decompress(raw) if raw.startswith(b'\x28\xb5\x2f\xfd') else raw
+
+
+def unpack_file(path: Path, folder: Path) -> Path:
+    """Decompress a storage file into a folder; return the new file."""
+    plain = folder / path.stem
+    with zstd.open(path, 'rb') as packed, plain.open('wb') as file:
+        shutil.copyfileobj(packed, file)
+    return plain
+
+
+def plain_yaml(text: str) -> Any:
+    """Return what a text of plain YAML says. Raises ValueError when it is none.
+
+    Aliases are refused: nobody writes them into a bag, and a few bytes of them grow without end.
+    """
+    if len(text) > LARGEST_YAML:
+        raise ValueError(f'{len(text)} characters: expected at most {LARGEST_YAML}')
+    try:
+        if '*' in text and any(
+            isinstance(event, yaml.AliasEvent) for event in yaml.parse(text, Loader=Loader)
+        ):
+            raise ValueError('a YAML alias: expected plain values')
+        return yaml.load(text, Loader=Loader)
+    except (yaml.YAMLError, RecursionError) as error:
+        raise ValueError(f'no YAML: {" ".join(str(error).split())}') from error
+
+
+def storage_files(path: Path) -> list[Path]:
+    """Return the storage files of a bag: the file itself, or those of a rosbag2 folder.
+
+    In a folder without `metadata.yaml`, or whose only file has been renamed, it is the only
+    storage file there. Raises BagError that names the files that can be given themselves.
+    """
+    if not path.is_dir():
+        return [path]
+    there = sorted(file for file in path.iterdir() if file.suffix in SUFFIXES and file.is_file())
+    metadata = path / 'metadata.yaml'
+    if not metadata.is_file():
+        if len(there) == 1:
+            return there
+        what = 'no metadata.yaml in it' + ('' if there else ' and no storage file')
+        raise BagError(
+            f'{path}: {what}: expected a rosbag2 folder'
+            + (f'; try `ros2 bag reindex {path}`, or give {_either(there)}' if there else '')
+        )
+    listed = _listed(metadata, there)
+    missing = [file for file in listed if not file.is_file()]
+    if not missing:
+        return listed
+    if len(listed) == len(there) == 1:
+        return there
+    names = ', '.join(file.name for file in missing)
+    raise BagError(
+        f'{path}: metadata.yaml names {names}, not in the folder: expected all storage files'
+        + (f'; there is {_either(there)}' if there else '')
+    )
+
+
+def _listed(metadata: Path, there: list[Path]) -> list[Path]:
+    instead = f'; give {_either(there)}' if there else ''
+    try:
+        if metadata.stat().st_size > LARGEST_YAML:
+            raise ValueError(f'{metadata.stat().st_size} bytes: at most {LARGEST_YAML}')
+        # A recording of the same names from another place: only the names of files count.
+        names = plain_yaml(metadata.read_text(encoding='utf-8'))['rosbag2_bagfile_information'][
+            'relative_file_paths'
+        ]
+        if not names or not isinstance(names, list):
+            raise ValueError('relative_file_paths names no file')
+        return [metadata.parent / PurePosixPath(str(name)).name for name in names]
+    except (ValueError, KeyError, TypeError, OSError) as error:
+        reason = f'no {error}' if isinstance(error, KeyError) else ' '.join(str(error).split())
+        raise BagError(
+            f'{metadata}: expected the metadata of a rosbag2 ({reason}){instead}'
+        ) from (error)
+
+
+def _either(files: list[Path]) -> str:
+    shown = [str(file) for file in files[:5]]
+    return ' or '.join(shown) + (f' or one of {len(files) - 5} more' if len(files) > 5 else '')
+
+
+def mending(path: Path, kind: str) -> str:
+    """Return why a storage file cannot be read and how it is mended; '' if it was closed."""
+    if kind == 'mcap' and path.stat().st_size >= 8:
+        with path.open('rb') as file:
+            file.seek(-8, 2)
+            closed = file.read() == b'\x89MCAP0\r\n'
+        if not closed:
+            return f'it was not closed: `mcap recover {path} -o mended.mcap` mends it'
+    if kind == 'ros1' and not _is_indexed(path):
+        return f'it was not closed: `rosbag reindex {path}` mends it'
+    if kind == 'sqlite3' and _has_content(path.with_name(f'{path.name}-wal')):
+        return (
+            f'it was not closed, messages are still in {path.name}-wal: '
+            f"`sqlite3 {path} 'PRAGMA wal_checkpoint(TRUNCATE)'` moves them, then "
+            '`ros2 bag reindex` writes the metadata'
+        )
+    return ''
+
+
+def _has_content(path: Path) -> bool:
+    return path.is_file() and path.stat().st_size > 0
+
+
+def _is_indexed(path: Path) -> bool:
+    """Tell whether the header of a ROS 1 bag points to an index within the file."""
+    with path.open('rb') as file:
+        start = file.read(4096)
+    at = start.find(b'index_pos=')
+    position = int.from_bytes(start[at + 10 : at + 18], 'little') if at >= 0 else 0
+    return 0 < position <= path.stat().st_size
