@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ogm_mcmc.arrays import Int64Array
+from ogm_mcmc.arrays import BoolArray, Int64Array
 from ogm_mcmc.engine.transform_tree import TransformTree
 
 __all__ = ['PoseCandidate', 'PoseChoice', 'RankedPoses', 'choose_poses', 'tf_candidates']
@@ -137,7 +137,7 @@ def coverage(edges: Sequence[Int64Array], scan_stamps: Int64Array, max_gap_ns: i
     return float(covered.mean()) if covered.size else 0.0
 
 
-def _covered(known: Int64Array, wanted: Int64Array, max_gap_ns: int) -> np.ndarray:
+def _covered(known: Int64Array, wanted: Int64Array, max_gap_ns: int) -> BoolArray:
     if not known.size:
         return np.zeros(wanted.size, bool)
     later = np.searchsorted(known, wanted, side='left')
@@ -146,7 +146,8 @@ def _covered(known: Int64Array, wanted: Int64Array, max_gap_ns: int) -> np.ndarr
     last = known.size - 1
     apart = known[np.minimum(later, last)] - known[np.maximum(earlier, 0)]
     # At the very stamp of an entry `later` is at or before `earlier`.
-    return inside & (apart <= max_gap_ns)
+    covered: BoolArray = inside & (apart <= max_gap_ns)
+    return covered
 
 
 def _rank(ranked: RankedPoses, best: float) -> tuple[object, ...]:

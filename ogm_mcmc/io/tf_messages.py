@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
+from ogm_mcmc.errors import PoseError
 from ogm_mcmc.geometry.rigid_transform import RigidTransform, StampedTransform
 from ogm_mcmc.io.messages import frame_of, stamp_of
 
-__all__ = ['TF_TYPES', 'is_static', 'read_transforms']
+__all__ = ['TF_TYPES', 'TfEntries', 'is_static', 'read_transforms']
 
 # The second is what ROS 1 recorded before tf2.
 TF_TYPES = ('tf2_msgs/msg/TFMessage', 'tf/msg/tfMessage')
@@ -19,20 +19,31 @@ def is_static(topic: str) -> bool:
     return topic.rsplit('/', 1)[-1] == 'tf_static'
 
 
-def read_transforms(msg: Any) -> Iterator[StampedTransform]:
-    """Yield the transforms of a message, frames without the leading slash of ROS 1.
+class TfEntries(NamedTuple):
+    """What a message says, and one line for each transform in it that is none."""
 
-    Raises PoseError for numbers that are no transform, naming the frames.
+    entries: list[StampedTransform]
+    faults: list[str]
+
+
+def read_transforms(msg: Any) -> TfEntries:
+    """Read the transforms of a message, frames without the leading slash of ROS 1.
+
+    One at fault does not take the others with it, as in tf2.
     """
+    read = TfEntries([], [])
     for one in msg.transforms:
-        move, turn = one.transform.translation, one.transform.rotation
         parent, child = frame_of(one), str(one.child_frame_id).lstrip('/')
-        yield StampedTransform(
-            parent,
-            child,
-            stamp_of(one),
-            RigidTransform.checked(
+        move, turn = one.transform.translation, one.transform.rotation
+        try:
+            if not parent or not child or parent == child:
+                raise PoseError('expected two frames')
+            transform = RigidTransform.checked(
                 (float(move.x), float(move.y), float(move.z)),
                 (float(turn.x), float(turn.y), float(turn.z), float(turn.w)),
-            ),
-        )
+            )
+        except PoseError as error:
+            read.faults.append(f'{parent or "(no name)"} -> {child or "(no name)"}: {error}')
+            continue
+        read.entries.append(StampedTransform(parent, child, stamp_of(one), transform))
+    return read
