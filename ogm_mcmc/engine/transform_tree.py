@@ -30,7 +30,7 @@ from ogm_mcmc.engine.frame_history import Around, FrameHistory
 from ogm_mcmc.errors import PoseError
 from ogm_mcmc.geometry.rigid_transform import RigidTransform, StampedTransform
 
-__all__ = ['Edge', 'TransformError', 'TransformTree']
+__all__ = ['Edge', 'TransformError', 'TransformTree', 'along']
 
 NS_PER_S = 1_000_000_000
 
