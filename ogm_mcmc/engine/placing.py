@@ -19,6 +19,7 @@ import numpy as np
 from ogm_mcmc.config import MountConfig
 from ogm_mcmc.errors import PoseError
 from ogm_mcmc.geometry import Pose2D, PoseBelief, PoseSamples, Scan, SensorMount, interpolate
+from ogm_mcmc.geometry.motion import MAX_SPEED_M_S, MAX_TURN_RAD_S, jumps
 
 __all__ = ['DROP_REASONS', 'PoseHistory', 'PoseSource', 'RobotScan', 'ScanPlacer', 'sensor_mount']
 
@@ -41,6 +42,7 @@ DROP_REASONS = {
     'before_restart': 'it waited for a pose when time started again',
     'scan_before_poses': 'it is older than every pose known',
     'pose_gap': 'the poses before and after it are too far apart',
+    'pose_jump': 'the poses before and after it are further apart than the robot can go',
     'pose_timeout': 'no pose as late as the scan came in time',
     'queue_full': 'too many scans were waiting for a pose',
     'pose_unusable': 'the pose at its stamp is not level or not finite',
@@ -73,10 +75,24 @@ class PoseSource(Protocol):
 
 
 class PoseHistory:
-    """Recent beliefs about the robot's pose, in order of their stamps."""
+    """Recent beliefs about the robot's pose, in order of their stamps.
 
-    def __init__(self, *, max_gap_s: float = 2.0, keep: int = 10_000) -> None:
+    Between two poses the belief is interpolated, unless they are more than `max_gap_s` apart or
+    imply that the robot moved faster than `max_speed_m_s` or turned faster than `max_turn_rad_s`
+    (a localizer that found its place again: what lies between is no place where it was).
+    """
+
+    def __init__(
+        self,
+        *,
+        max_gap_s: float = 2.0,
+        keep: int = 10_000,
+        max_speed_m_s: float = MAX_SPEED_M_S,
+        max_turn_rad_s: float = MAX_TURN_RAD_S,
+    ) -> None:
         self.max_gap_ns = round(max_gap_s * NS_PER_S)
+        self.max_speed_m_s = max_speed_m_s
+        self.max_turn_rad_s = max_turn_rad_s
         self.keep = keep
         self.stamps: list[int] = []
         self.beliefs: list[PoseBelief] = []
@@ -121,8 +137,11 @@ class PoseHistory:
         start, end = self.stamps[later - 1], self.stamps[later]
         if end - start > self.max_gap_ns:
             raise Unplaceable('pose_gap')
-        fraction = (stamp_ns - start) / (end - start)
-        return _between(self.beliefs[later - 1], self.beliefs[later], fraction)
+        before, after = self.beliefs[later - 1], self.beliefs[later]
+        limits = self.max_speed_m_s, self.max_turn_rad_s
+        if jumps(before.mean, after.mean, end - start, *limits):
+            raise Unplaceable('pose_jump')
+        return _between(before, after, (stamp_ns - start) / (end - start))
 
 
 def _between(earlier: PoseBelief, later: PoseBelief, fraction: float) -> PoseBelief:

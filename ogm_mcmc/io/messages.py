@@ -7,7 +7,7 @@ reader checks what it reads and raises ScanError or PoseError with field, value 
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -25,7 +25,6 @@ from ogm_mcmc.geometry import (
 from ogm_mcmc.geometry.scan import Remark, say_nothing
 
 __all__ = [
-    'FrameTransform',
     'fill_grid_header',
     'fill_grid_update',
     'frame_of',
@@ -33,7 +32,6 @@ __all__ = [
     'read_pose',
     'read_range',
     'read_scan',
-    'read_transforms',
     'stamp_of',
     'time_parts',
 ]
@@ -208,43 +206,6 @@ def _in_proportion(weights: list[float]) -> Float64Array:
     if 0.0 < heaviest < math.inf:
         return np.array([weight / heaviest for weight in weights])
     return np.array(weights)
-
-
-class FrameTransform(NamedTuple):
-    """Where a frame lies in its parent: translation x, y, z in m, rotation x, y, z, w."""
-
-    parent: str
-    child: str
-    stamp_ns: int
-    translation: tuple[float, float, float]
-    rotation: tuple[float, float, float, float]
-
-
-def read_transforms(msg: Any, remark: Remark = say_nothing) -> list[FrameTransform]:
-    """Read a tf2_msgs/TFMessage; `remark` is told of each transform that cannot be used.
-
-    Names lose the leading slash of ROS 1, rotations are of length 1.
-    """
-    transforms = []
-    for stamped in msg.transforms:
-        try:
-            transforms.append(_checked_transform(stamped))
-        except PoseError as error:
-            remark(f'transform from {frame_of(stamped)!r} to {stamped.child_frame_id!r}: {error}')
-    return transforms
-
-
-def _checked_transform(stamped: Any) -> FrameTransform:
-    parent, child = frame_of(stamped), str(stamped.child_frame_id).lstrip('/')
-    if not parent or not child or parent == child:
-        raise PoseError('expected two frames with names')
-    x, y, z = _checked_place(stamped.transform.translation, ('x', 'y', 'z'))
-    quaternion = _checked_quaternion(stamped.transform.rotation)
-    norm = math.hypot(*quaternion)
-    if not 0.99 < norm < 1.01:
-        raise PoseError(f'quaternion {quaternion}: expected unit length, got {norm:.3g}')
-    qx, qy, qz, qw = (part / norm for part in quaternion)
-    return FrameTransform(parent, child, stamp_of(stamped), (x, y, z), (qx, qy, qz, qw))
 
 
 def fill_grid_header(msg: Any, spec: GridSpec, frame_id: str, stamp_ns: int) -> None:

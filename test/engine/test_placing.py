@@ -204,13 +204,38 @@ def test_a_full_queue_drops_the_oldest():
     assert placed(placer) == [(1.2, 0.0)]
 
 
+def test_a_scan_between_places_too_far_apart_is_dropped():
+    """A localizer finds its place again: the robot never was between the two."""
+    placer, dropped = placer_with((0.0, belief()), (0.1, belief(0.5)), (0.2, belief(5.0)))
+    for stamp in (0.05, 0.1, 0.15, 0.2):
+        placer.add_scan(scan(stamp))
+    assert placed(placer) == [(0.05, approx(0.25)), (0.1, 0.5), (0.2, 5.0)]
+    assert [reason for reason, _ in dropped] == ['pose_jump']
+
+
+def test_turning_too_fast_is_a_jump_as_well():
+    history = PoseHistory(max_turn_rad_s=3.0)
+    for stamp_s, yaw in ((0.0, 3.0), (0.1, -3.0), (0.2, -2.5)):
+        history.add(round(stamp_s * S), belief(yaw=yaw))
+    assert history.at(S // 20).mean.yaw_rad == approx(-math.pi)  # 0.28 rad the short way
+    with pytest.raises(Unplaceable, match='pose_jump'):
+        history.at(3 * S // 20)
+
+
+def test_without_limits_nothing_is_a_jump():
+    history = PoseHistory(max_speed_m_s=math.inf, max_turn_rad_s=math.inf)
+    history.add(0, belief(0.0))
+    history.add(2, belief(1000.0, 3.0))
+    assert history.at(1).mean.x_m == 500.0
+
+
 def test_poses_that_jump_back_restart_the_history():
     placer, dropped = placer_with((10.0, belief(10.0)), (11.0, belief(11.0)))
     placer.add_pose(round(9.9 * S), belief(-1.0))
-    placer.add_pose(round(9.95 * S), belief(-2.0))
+    placer.add_pose(round(9.95 * S), belief(-1.2))
     assert dropped == [('pose_jumped_back', None)]
     placer.add_scan(scan(9.925))
-    assert placed(placer) == [(9.925, approx(-1.5))]
+    assert placed(placer) == [(9.925, approx(-1.1))]
 
 
 def test_a_scan_that_jumps_back_starts_a_new_order():

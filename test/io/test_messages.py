@@ -19,7 +19,6 @@ from ogm_mcmc.io.messages import (
     read_pose,
     read_range,
     read_scan,
-    read_transforms,
     stamp_of,
     time_parts,
 )
@@ -247,16 +246,6 @@ def tf_message(*transforms):
 
 
 LEVEL = (0.0, 0.0, 0.0, 1.0)
-
-
-def test_read_transforms(shape):
-    message = tf_message(
-        ('/map', '/odom', (1.0, 2.0, 3.0), LEVEL), ('base', 'laser', (0, 0, 0), (1.005, 0, 0, 0))
-    )
-    assert read_transforms(shape(message)) == [
-        ('map', 'odom', 5_000_000_007, (1.0, 2.0, 3.0), LEVEL),
-        ('base', 'laser', 5_000_000_007, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)),
-    ]
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,194 @@
+"""Which of the poses a bag holds to use: those that cover its scans, the better kind first.
+
+Coverage decides: the share of scans whose stamp lies between two entries that are not too far
+apart. /initialpose, goals and waypoints say something now and then, so they cover next to nothing.
+Among sources that cover about as many scans (nine tenths of the best) the order is:
+
+1. poses in the map before odometry, which drifts: any frame that is not called `odom...`;
+2. poses that come at least twice a second before rarer ones, between which the robot may have
+   gone any way;
+3. those that say how uncertain they are (PoseWithCovarianceStamped, particles, Odometry) before
+   single points (tf, PoseStamped). A PoseArray counts as particles if its topic is called so: it
+   may hold anything;
+4. the larger coverage, then the name.
+
+A localizer starts later than the wheels turn: the scans before are worth losing for a map that
+does not drift. This is why nine tenths are enough.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ogm_mcmc.arrays import BoolArray, Int64Array
+from ogm_mcmc.engine.transform_tree import TransformTree
+
+__all__ = ['PoseCandidate', 'PoseChoice', 'RankedPoses', 'choose_poses', 'tf_candidates']
+
+NS_PER_S = 1_000_000_000
+
+TF = 'tf'
+FILE = 'trajectory file'
+
+# Sources that cover this share of what the best one covers are as good.
+ABOUT_AS_MANY = 0.9
+
+# Poses that come less often than this leave open how the robot went.
+DENSE_NS = NS_PER_S // 2
+
+UNCERTAIN = ('PoseWithCovarianceStamped', 'ParticleCloud', 'Odometry')
+
+
+class PoseCandidate(NamedTuple):
+    """One source of poses: what it is called and when it says something.
+
+    `kind`: a message type, `tf` or `trajectory file`. `frame`, `child_frame`: between which
+    frames (the child may be empty). `stamps` (N,) ns of its entries, in any order; of tf one
+    array for each edge that moves.
+    """
+
+    name: str
+    kind: str
+    frame: str
+    child_frame: str
+    stamps: tuple[Int64Array, ...]
+
+
+class RankedPoses(NamedTuple):
+    """A candidate and which share of the scans it covers."""
+
+    candidate: PoseCandidate
+    coverage: float
+
+    def __str__(self) -> str:
+        """Return `/odom 98 %`, or the frames for tf."""
+        return f'{self._name} {self._percent}'
+
+    @property
+    def _name(self) -> str:
+        source = self.candidate
+        frames = f' {source.frame} -> {source.child_frame}' if source.kind == TF else ''
+        return source.name + frames
+
+    @property
+    def _percent(self) -> str:
+        # 100 % stands for all, 0 % for none.
+        percent = 100.0 * self.coverage
+        if 0.0 < percent < 1.0:
+            return 'under 1 %'
+        return f'{int(percent)} %'
+
+    def described(self, n_scans: int) -> str:
+        """Return `/odom (nav_msgs/msg/Odometry, 100 % of 910 scans)`."""
+        kind = '' if self.candidate.kind == TF else f'{self.candidate.kind}, '
+        return f'{self._name} ({kind}{self._percent} of {n_scans} scans)'
+
+
+class PoseChoice(NamedTuple):
+    """What to use (None where nothing covers a single scan), and the rest, the best first."""
+
+    chosen: RankedPoses | None
+    others: tuple[RankedPoses, ...]
+    scan_stamps: Int64Array
+
+    def __str__(self) -> str:
+        """Return one line for the user."""
+        if self.chosen is None:
+            return self._refusal()
+        line = f'poses from {self.chosen.described(self.scan_stamps.size)}'
+        if self.others:
+            line += f'; also there: {", ".join(map(str, self.others))}'
+        return line
+
+    def _refusal(self) -> str:
+        if not self.others:
+            return 'no poses in it: expected a topic with poses or tf'
+        if not self.scan_stamps.size:
+            return 'no scans in it that poses could cover'
+        spans = [f'{ranked._name} {_span(ranked.candidate.stamps)}' for ranked in self.others]
+        return (
+            f'no poses at the stamps of the scans ({_span((self.scan_stamps,))}): '
+            f'there are {", ".join(spans)}'
+        )
+
+
+def choose_poses(
+    candidates: Sequence[PoseCandidate], scan_stamps: Int64Array, *, max_gap_s: float = 2.0
+) -> PoseChoice:
+    """Rank sources of poses for scans at the given stamps (S,) ns; see the module's text."""
+    stamps = np.sort(scan_stamps)
+    max_gap_ns = round(max_gap_s * NS_PER_S)
+    ranked = [RankedPoses(one, coverage(one.stamps, stamps, max_gap_ns)) for one in candidates]
+    best = max((one.coverage for one in ranked), default=0.0)
+    ranked.sort(key=lambda one: _rank(one, best))
+    if best == 0.0:
+        return PoseChoice(None, tuple(ranked), stamps)
+    return PoseChoice(ranked[0], tuple(ranked[1:]), stamps)
+
+
+def coverage(edges: Sequence[Int64Array], scan_stamps: Int64Array, max_gap_ns: int) -> float:
+    """Return the share of scans whose stamp every edge covers: at an entry, or in a small gap."""
+    covered = np.ones(scan_stamps.size, bool)
+    for edge in edges:
+        covered &= _covered(np.sort(edge), scan_stamps, max_gap_ns)
+    return float(covered.mean()) if covered.size else 0.0
+
+
+def _covered(known: Int64Array, wanted: Int64Array, max_gap_ns: int) -> BoolArray:
+    if not known.size:
+        return np.zeros(wanted.size, bool)
+    later = np.searchsorted(known, wanted, side='left')
+    earlier = np.searchsorted(known, wanted, side='right') - 1
+    inside = (earlier >= 0) & (later < known.size)
+    last = known.size - 1
+    apart = known[np.minimum(later, last)] - known[np.maximum(earlier, 0)]
+    # At the very stamp of an entry `later` is at or before `earlier`.
+    covered: BoolArray = inside & (apart <= max_gap_ns)
+    return covered
+
+
+def _rank(ranked: RankedPoses, best: float) -> tuple[object, ...]:
+    source = ranked.candidate
+    enough = ranked.coverage >= ABOUT_AS_MANY * best and ranked.coverage > 0.0
+    drifts = 'odom' in source.frame.lower()
+    typical_ns = max((_typical_gap(edge) for edge in source.stamps), default=0.0)
+    return (
+        not enough,
+        (drifts, typical_ns > DENSE_NS, not _uncertain(source)) if enough else (),
+        -ranked.coverage,
+        source.name,
+        source.frame != 'map',
+        source.frame,
+    )
+
+
+def _typical_gap(stamps: Int64Array) -> float:
+    return float(np.median(np.diff(np.sort(stamps)))) if stamps.size > 1 else float('inf')
+
+
+def _uncertain(source: PoseCandidate) -> bool:
+    if source.kind.endswith('PoseArray'):
+        return 'particle' in source.name.lower()
+    return source.kind.endswith(UNCERTAIN)
+
+
+def _span(edges: Sequence[Int64Array]) -> str:
+    filled = [edge for edge in edges if edge.size]
+    if not filled:
+        return 'never' if edges else 'always'
+    first = max(int(edge.min()) for edge in filled)
+    last = min(int(edge.max()) for edge in filled)
+    return f'{first / 1e9:.1f} to {last / 1e9:.1f} s'
+
+
+def tf_candidates(tree: TransformTree, base_frame: str) -> list[PoseCandidate]:
+    """Return the poses of the base in every frame above it that it moves in."""
+    found = []
+    for frame in tree.ancestors(base_frame)[1:]:
+        stamps = tree.moving_stamps(frame, base_frame)
+        if stamps:
+            found.append(PoseCandidate(TF, TF, frame, base_frame, tuple(stamps)))
+    return found

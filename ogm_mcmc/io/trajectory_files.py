@@ -1,0 +1,267 @@
+"""Trajectories in the text formats of SLAM tools: TUM, EuRoC, KITTI and g2o in, TUM out.
+
+====== ========================================================= ==========================
+format a line                                                    stamps
+====== ========================================================= ==========================
+TUM    `t x y z qx qy qz qw`                                     seconds
+EuRoC  `t, x, y, z, qw, qx, qy, qz, ...`                         nanoseconds
+KITTI  the upper three rows of the 4 x 4 matrix, 12 numbers      another file: a line each
+g2o    `VERTEX_SE2 id x y yaw`, other lines are passed over      another file: `id stamp`
+====== ========================================================= ==========================
+
+Stamps are read as decimal numbers, not through floats, so that no nanosecond is lost. Lines that
+begin with # say nothing. The format is told from the first line that says something.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Iterable, Iterator
+from decimal import Decimal, InvalidOperation
+from itertools import pairwise
+from pathlib import Path
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+
+from ogm_mcmc.arrays import Int64Array
+from ogm_mcmc.errors import OutputError, PoseError
+from ogm_mcmc.geometry import Pose2D, pose_from_quaternion
+
+__all__ = ['Trajectory', 'read_trajectory', 'write_tum']
+
+NS_PER_S = 1_000_000_000
+
+FORMATS = (
+    'TUM (8 numbers), KITTI (12 numbers), EuRoC (8 or more, separated by commas) or VERTEX_SE2'
+)
+
+
+class Trajectory(NamedTuple):
+    """Poses and their stamps (N,) in ns, each later than the one before; `format` by name."""
+
+    stamps_ns: Int64Array
+    poses: tuple[Pose2D, ...]
+    format: str = 'TUM'
+
+
+class _Line(NamedTuple):
+    number: int
+    words: list[str]
+    commas: bool
+
+
+class _Posed(NamedTuple):
+    """A pose and where it was read; `key`: its stamp in ns, for g2o its id, for KITTI unused."""
+
+    number: int
+    key: int
+    pose: Pose2D
+
+
+def read_trajectory(path: Path, stamps: Path | None = None) -> Trajectory:
+    """Read a trajectory; `stamps` is the other file where the format keeps no stamps.
+
+    Raises PoseError with file, line and what was expected: for numbers that are missing, no
+    numbers or not finite, a pose that is not level, and stamps that do not increase.
+    """
+    lines = list(_lines(path))
+    if not lines:
+        raise PoseError(f'{path}: no pose in it: expected {FORMATS}')
+    kind = _format_of(path, lines[0])
+    read, needs_stamps = READERS[kind]
+    if needs_stamps and stamps is None:
+        raise PoseError(f'{path}: {kind} keeps no stamps: expected a second file with them')
+    if stamps is not None and not needs_stamps:
+        raise PoseError(f'{path}: {kind} has its own stamps: expected no file beside it')
+    posed = [found for line in lines if (found := _read_line(path, line, read))]
+    if stamps is not None:
+        posed = (_by_id if kind == 'g2o' else _by_place)(path, posed, stamps)
+    if not posed:
+        raise PoseError(f'{path}: no VERTEX_SE2 in it: expected poses')
+    for earlier, later in pairwise(posed):
+        if later.key <= earlier.key:
+            raise PoseError(
+                f'{path}: line {later.number}: stamp {_seconds(later.key)} s is not later than '
+                f'{_seconds(earlier.key)} s in line {earlier.number}'
+            )
+    keys = np.array([one.key for one in posed], np.int64)
+    return Trajectory(keys, tuple(one.pose for one in posed), kind)
+
+
+def write_tum(path: Path, stamps_ns: Iterable[int], poses: Iterable[Pose2D]) -> None:
+    """Write a TUM file in full precision, in place when complete. Raises OutputError."""
+    rows = []
+    for stamp_ns, pose in zip(stamps_ns, poses, strict=True):
+        half = 0.5 * pose.yaw_rad
+        numbers = (pose.x_m, pose.y_m, 0.0, 0.0, 0.0, math.sin(half), math.cos(half))
+        rows.append(f'{_seconds(int(stamp_ns))} {" ".join(map(repr, map(float, numbers)))}\n')
+    partial = path.with_name(f'.{path.name}-{os.getpid()}')
+    try:
+        partial.write_text(''.join(['# timestamp x y z qx qy qz qw\n', *rows]))
+        partial.replace(path)
+    except OSError as error:
+        partial.unlink(missing_ok=True)
+        raise OutputError(f'{path}: cannot be written ({error.strerror})') from error
+
+
+def _lines(path: Path) -> Iterator[_Line]:
+    try:
+        text = path.read_text(encoding='utf-8-sig')
+    except OSError as error:
+        raise PoseError(f'{path}: cannot be read ({error.strerror})') from error
+    except UnicodeDecodeError as error:
+        raise PoseError(f'{path}: not a text file: expected a trajectory') from error
+    for number, line in enumerate(text.splitlines(), 1):
+        said = line.strip()
+        if said and not said.startswith('#'):
+            words = said.replace(',', ' ').split()
+            yield _Line(number, words, ',' in said)
+
+
+def _format_of(path: Path, line: _Line) -> str:
+    count = len(line.words)
+    if line.words[0].startswith(('VERTEX_', 'EDGE_', 'FIX', 'PARAMS_')):
+        return 'g2o'
+    if line.commas and count >= 8:
+        return 'EuRoC'
+    if not line.commas and count in (8, 12):
+        return 'TUM' if count == 8 else 'KITTI'
+    raise PoseError(
+        f'{path}: line {line.number}: {count} value{"s"[: count != 1]}: expected {FORMATS}'
+    )
+
+
+Reader = Callable[[_Line], _Posed | None]
+Read = TypeVar('Read')
+
+
+def _read_line(path: Path, line: _Line, read: Callable[[_Line], Read]) -> Read:
+    try:
+        return read(line)
+    except PoseError as error:
+        raise PoseError(f'{path}: line {line.number}: {error}') from error
+
+
+def _tum(line: _Line) -> _Posed:
+    _require_count(line, 8)
+    stamp_ns = _decimal_ns(line.words[0], NS_PER_S)
+    x, y, _, qx, qy, qz, qw = _numbers(line.words[1:])
+    return _Posed(line.number, stamp_ns, _level((x, y), (qx, qy, qz, qw)))
+
+
+def _euroc(line: _Line) -> _Posed:
+    # Velocities and biases may follow the pose.
+    if len(line.words) < 8:
+        raise PoseError(f'{len(line.words)} values: expected 8 or more')
+    stamp_ns = _decimal_ns(line.words[0], 1)
+    x, y, _, qw, qx, qy, qz = _numbers(line.words[1:8])
+    return _Posed(line.number, stamp_ns, _level((x, y), (qx, qy, qz, qw)))
+
+
+def _kitti(line: _Line) -> _Posed:
+    _require_count(line, 12)
+    table = np.array(_numbers(line.words)).reshape(3, 4)
+    turn = table[:, :3]
+    if np.abs(turn @ turn.T - np.eye(3)).max() > 0.02 or np.linalg.det(turn) < 0.0:
+        raise PoseError('expected the matrix of a rotation in columns 1 to 3 of each row')
+    tilt = math.acos(min(max(float(turn[2, 2]), -1.0), 1.0))
+    _level((0.0, 0.0), (0.0, math.sin(tilt / 2), 0.0, math.cos(tilt / 2)))
+    yaw = math.atan2(float(turn[1, 0]), float(turn[0, 0]))
+    return _Posed(line.number, 0, Pose2D(float(table[0, 3]), float(table[1, 3]), yaw))
+
+
+def _g2o(line: _Line) -> _Posed | None:
+    if line.words[0] != 'VERTEX_SE2':
+        if line.words[0].startswith('VERTEX_SE3'):
+            raise PoseError('VERTEX_SE3: expected poses in the plane (VERTEX_SE2)')
+        return None
+    _require_count(line, 5)
+    x, y, yaw = _numbers(line.words[2:])
+    return _Posed(line.number, _whole(line.words[1]), Pose2D(x, y, yaw))
+
+
+READERS: dict[str, tuple[Reader, bool]] = {
+    'TUM': (_tum, False),
+    'EuRoC': (_euroc, False),
+    'KITTI': (_kitti, True),
+    'g2o': (_g2o, True),
+}
+
+
+def _by_place(path: Path, posed: list[_Posed], stamps: Path) -> list[_Posed]:
+    """Give each pose the stamp of the line at the same place."""
+    known = [_stamp_in(stamps, line, 1) for line in _lines(stamps)]
+    if len(known) != len(posed):
+        raise PoseError(
+            f'{stamps}: {len(known)} stamps: expected {len(posed)}, one a pose of {path}'
+        )
+    return [one._replace(key=stamp_ns) for one, stamp_ns in zip(posed, known, strict=True)]
+
+
+def _by_id(path: Path, posed: list[_Posed], stamps: Path) -> list[_Posed]:
+    """Give each pose the stamp of its id; a graph need not list them in the order of time."""
+    known: dict[int, int] = {}
+    for line in _lines(stamps):
+        stamp_ns = _stamp_in(stamps, line, 2)
+        known[_read_line(stamps, line, lambda line: _whole(line.words[0]))] = stamp_ns
+    for one in posed:
+        if one.key not in known:
+            raise PoseError(f'{stamps}: no stamp for id {one.key} of line {one.number} in {path}')
+    return sorted((one._replace(key=known[one.key]) for one in posed), key=lambda one: one.key)
+
+
+def _stamp_in(path: Path, line: _Line, count: int) -> int:
+    def read(line: _Line) -> int:
+        _require_count(line, count)
+        return _decimal_ns(line.words[-1], NS_PER_S)
+
+    return _read_line(path, line, read)
+
+
+def _level(position: tuple[float, float], turn: tuple[float, float, float, float]) -> Pose2D:
+    pose, upside_down = pose_from_quaternion(position, turn)
+    if upside_down:
+        raise PoseError('pose is upside down: expected the robot on its feet')
+    return pose
+
+
+def _require_count(line: _Line, count: int) -> None:
+    if len(line.words) != count:
+        raise PoseError(f'{len(line.words)} values: expected {count}')
+
+
+def _numbers(words: list[str]) -> list[float]:
+    numbers = []
+    for word in words:
+        try:
+            value = float(word)
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value):
+            raise PoseError(f'{word!r}: expected a finite number')
+        numbers.append(value)
+    return numbers
+
+
+def _decimal_ns(word: str, factor: int) -> int:
+    try:
+        stamp_ns = Decimal(word) * factor
+        if not stamp_ns.is_finite() or not 0 <= stamp_ns < 2**63:
+            raise InvalidOperation
+        return int(stamp_ns.to_integral_value())
+    except InvalidOperation:
+        unit = 's' if factor > 1 else 'ns'
+        raise PoseError(f'stamp {word!r}: expected {unit} from 0 on') from None
+
+
+def _whole(word: str) -> int:
+    try:
+        return int(word)
+    except ValueError:
+        raise PoseError(f'id {word!r}: expected a whole number') from None
+
+
+def _seconds(stamp_ns: int) -> str:
+    return '{}.{:09d}'.format(*divmod(stamp_ns, NS_PER_S))
