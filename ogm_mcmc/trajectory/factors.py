@@ -102,10 +102,17 @@ class PoseFactors(NamedTuple):
 
     def log_density(self, poses: Float64Array) -> float:
         """Return log p(poses) up to a constant, nats."""
+        return float(self.of_beliefs(poses).sum() + self.of_moves(poses).sum())
+
+    def of_beliefs(self, poses: Float64Array) -> Float64Array:
+        """Return what each belief (K,) says of poses (K, 3), nats, up to a constant."""
         off = self.off(poses)
-        total = -0.5 * float(np.einsum('ki,kij,kj->', off, self.precision, off))
-        error = self._move_errors(poses)
-        return total - 0.5 * float(np.einsum('mi,mij,mj->', error, self.moves.precision, error))
+        return np.asarray(-0.5 * np.einsum('ki,kij,kj->k', off, self.precision, off), np.float64)
+
+    def of_moves(self, poses: Float64Array) -> Float64Array:
+        """Return what each measured move (M,) says of poses (K, 3), nats, up to a constant."""
+        error, precision = self._move_errors(poses), self.moves.precision
+        return np.asarray(-0.5 * np.einsum('mi,mij,mj->m', error, precision, error), np.float64)
 
     def _move_errors(self, poses: Float64Array) -> Float64Array:
         moves = self.moves
