@@ -248,28 +248,6 @@ def tf_message(*transforms):
 LEVEL = (0.0, 0.0, 0.0, 1.0)
 
 
-@pytest.mark.parametrize(
-    'bad',
-    [
-        ('', 'a', (0, 0, 0), LEVEL),
-        ('a', '', (0, 0, 0), LEVEL),
-        ('/a', 'a', (0, 0, 0), LEVEL),
-        ('a', 'b', (0, 0, math.nan), LEVEL),
-        ('a', 'b', (1e7, 0, 0), LEVEL),
-        ('a', 'b', (0, 0, 0), (0, 0, 0, 0)),
-        ('a', 'b', (0, 0, 0), (0, 0, 0, 2)),
-        ('a', 'b', (0, 0, 0), (1e308, 1e308, 0, 0)),
-        ('a', 'b', (0, 0, 0), (math.nan, 0, 0, 1)),
-    ],
-)
-def test_one_bad_transform_leaves_the_others(shape, bad):
-    remarks = []
-    message = tf_message(bad, ('map', 'odom', (1, 2, 3), LEVEL))
-    assert [t.child for t in read_transforms(shape(message), remarks.append)] == ['odom']
-    assert len(remarks) == 1
-    assert 'expected' in remarks[0]
-
-
 def test_read_particles(shape):
     poses = np.array([[1.0, 2.0, 3.0], [1.5, 2.5, -3.0], [0.5, 1.5, 3.1]])
     belief = read_particles(shape(ros_types.pose_array(7, 'map', poses)))

@@ -1,0 +1,138 @@
+"""A first alignment where poses are further off than squares of a metre reach.
+
+Each scan is looked up, one after the other, in a field of what the scans before it saw
+(correlative scan matching: Olson 2009, "Real-time correlative scan matching"): at all poses of a
+lattice around its belief, then on a finer one. A scan that was put down wrongly leads others
+astray, so later every scan is looked up once more, in a field of all scans but those of its part
+(every fourth): `relocate`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ogm_mcmc.arrays import AnyArray, Float32Array, Float64Array, Int64Array
+from ogm_mcmc.errors import require
+from ogm_mcmc.trajectory.correlative_kernels import best_pose, paint
+from ogm_mcmc.trajectory.factors import PoseFactors
+from ogm_mcmc.trajectory.points import ScanPoints, wrapped
+
+__all__ = ['LookUp', 'look_up_in_turn', 'relocate']
+
+# Parts that are looked up in what all the others saw.
+PARTS = 4
+
+# The first look is at every other point.
+COARSE_STRIDE = 2
+
+
+@dataclass(frozen=True)
+class LookUp:
+    """How scans are looked up; lengths m, angles rad."""
+
+    reach_m: float = 1.5
+    reach_rad: float = 0.3
+    step_m: float = 0.1
+    step_rad: float = 0.025
+    cell_m: float = 0.05
+    blur_m: float = 0.1
+    floor: float = 0.1
+    """Likelihood of a point far from everything, as a share of the highest."""
+    power: float = 0.5
+    """Exponent of the likelihood of a scan: its points do not err independently."""
+
+    def __post_init__(self) -> None:
+        """Refuse what is no lattice."""
+        for name in ('step_m', 'step_rad', 'cell_m', 'blur_m', 'floor', 'power'):
+            require(getattr(self, name) > 0.0, name, getattr(self, name), 'must be positive')
+
+    def kernel(self) -> Float32Array:
+        """Return log(floor + exp(-d^2 / 2 blur^2)) - log(floor), times `power`."""
+        half = math.ceil(3.0 * self.blur_m / self.cell_m)
+        d = np.arange(-half, half + 1) * self.cell_m
+        near = np.exp(-0.5 * (d[:, None] ** 2 + d**2) / self.blur_m**2)
+        return (self.power * np.log1p(near / self.floor)).astype(np.float32)
+
+
+class _Field:
+    """What scans saw, blurred: the likeliest of what any of their points says."""
+
+    def __init__(self, points: ScanPoints, poses: Float64Array, settings: LookUp) -> None:
+        self.points, self.settings, self.kernel = points, settings, settings.kernel()
+        placed = points.placed(poses)
+        margin = settings.reach_m + 1.0
+        self.corner = np.minimum(placed.min(axis=0), poses[:, :2].min(axis=0)) - margin
+        size = np.maximum(placed.max(axis=0), poses[:, :2].max(axis=0)) + margin - self.corner
+        width, height = np.ceil(size / settings.cell_m).astype(int)
+        self.values = np.zeros((height, width), np.float32)
+
+    def add(self, scans: AnyArray, poses: Float64Array) -> None:
+        """Paint scans as the poses (K, 3) place them."""
+        for k in scans:
+            local = self.points.local[self.points.starts[k] : self.points.starts[k + 1]]
+            cosine, sine = math.cos(poses[k, 2]), math.sin(poses[k, 2])
+            x = poses[k, 0] + cosine * local[:, 0] - sine * local[:, 1] - self.corner[0]
+            y = poses[k, 1] + sine * local[:, 0] + cosine * local[:, 1] - self.corner[1]
+            columns, rows = (np.stack((x, y)) / self.settings.cell_m).astype(np.int64)
+            paint(self.values, self.kernel, columns, rows)
+
+    def look_up(
+        self, k: int, at: Float64Array, factors: PoseFactors, *, wide: bool
+    ) -> tuple[float, Float64Array]:
+        """Return the score and the best pose of scan k around `at`, far and then near."""
+        points, settings = self.points, self.settings
+        local = points.local[points.starts[k] : points.starts[k + 1]]
+        shift = np.array([*self.corner, 0.0])
+        mean, precision = factors.mean[k] - shift, factors.precision[k]
+        scale = 1.0 / settings.cell_m
+        pose = at - shift
+        if wide:
+            # Half of the points count twice.
+            _, *found = best_pose(
+                self.values, np.ascontiguousarray(local[::COARSE_STRIDE]), pose, mean,
+                precision / COARSE_STRIDE, round(settings.reach_m / settings.step_m),
+                settings.step_m, round(settings.reach_rad / settings.step_rad),
+                settings.step_rad, scale,
+            )  # fmt: skip
+            pose = np.array(found)
+        score, *found = best_pose(
+            self.values, local, pose, mean, precision,
+            4, settings.step_m / 4.0, 5, settings.step_rad / 5.0, scale,
+        )  # fmt: skip
+        return float(score), wrapped(np.array(found) + shift)
+
+
+def look_up_in_turn(
+    points: ScanPoints, factors: PoseFactors, order: Int64Array, settings: LookUp
+) -> Float64Array:
+    """Return poses (K, 3): the first scan of `order` (K,) as believed, each other looked up."""
+    poses = factors.mean.copy()
+    field = _Field(points, poses, settings)
+    for n, k in enumerate(order):
+        if n:
+            _, poses[k] = field.look_up(int(k), factors.mean[k], factors, wide=True)
+        field.add(order[n : n + 1], poses)
+    return poses
+
+
+def relocate(
+    points: ScanPoints, poses: Float64Array, factors: PoseFactors, settings: LookUp
+) -> Float64Array:
+    """Return the poses (K, 3) after every scan was looked up in what those of other parts saw.
+
+    Far from where it is only where that is likelier than the best pose near by.
+    """
+    result = poses.copy()
+    everyone = np.arange(points.n_scans)
+    for part in range(PARTS):
+        field = _Field(points, poses, settings)
+        field.add(everyone[everyone % PARTS != part], poses)
+        for k in everyone[everyone % PARTS == part]:
+            near, _ = field.look_up(int(k), poses[k], factors, wide=False)
+            far, pose = field.look_up(int(k), factors.mean[k], factors, wide=True)
+            if far > near and np.abs(wrapped(pose - poses[k])).max() > settings.step_m:
+                result[k] = pose
+    return result

@@ -1,0 +1,196 @@
+"""Placed scans in, better poses out, step by step: `TrajectoryRefinement`."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from ogm_mcmc.arrays import AnyArray, Float64Array, Int64Array
+from ogm_mcmc.errors import WindowError, require
+from ogm_mcmc.geometry import Pose2D, PoseBelief, Scan
+from ogm_mcmc.trajectory.correlative import LookUp, look_up_in_turn, relocate
+from ogm_mcmc.trajectory.factors import Moves, PoseFactors
+from ogm_mcmc.trajectory.points import ScanPoints, poses_of, wrapped
+from ogm_mcmc.trajectory.surfels import Stage, SurfelSystem, align, solve
+
+__all__ = ['TrajectoryConfig', 'TrajectoryProgress', 'TrajectoryRefinement']
+
+# Coarse to fine: every stage halves what it looks at. The last one is what poses are drawn from.
+STAGES = (
+    Stage(side_m=1.6, cut_m=0.4, flatness=0.3, steps=6),
+    Stage(side_m=0.8, cut_m=0.2, flatness=0.3, steps=6),
+    Stage(side_m=0.8, cut_m=0.1, flatness=0.3, steps=4),
+    Stage(side_m=0.4, cut_m=0.06, flatness=0.2, steps=6),
+    Stage(side_m=0.2, cut_m=0.05, flatness=0.3, steps=8),
+)
+
+# Stages that a search begins with, and that its look-up of astray scans is followed by.
+SEARCH_STAGES = STAGES[:2]
+
+
+@dataclass(frozen=True)
+class TrajectoryConfig:
+    """How poses are refined.
+
+    `spread_m` and `spread_rad`: standard deviations of poses that come without any.
+    `search`: whether scans are first looked up one by one: for poses that are off by more than
+    0.3 m or 3 degrees from one scan to the next.
+    `max_range_m`: points further away are left out, 0: none.
+    `draws`: of all poses, for their covariances; `inflation`: their standard deviations are
+    so many times those of the model, see the note in the package.
+    """
+
+    spread_m: float = 0.3
+    spread_rad: float = 0.1
+    search: bool = False
+    max_range_m: float = 30.0
+    draws: int = 40
+    inflation: float = 1.25
+    seed: int = 1
+
+    def __post_init__(self) -> None:
+        """Refuse what is no spread."""
+        for name in ('spread_m', 'spread_rad', 'inflation'):
+            value = getattr(self, name)
+            require(0.0 < value < math.inf, name, value, 'must be positive')
+        require(self.max_range_m >= 0.0, 'max_range_m', self.max_range_m, 'expected 0 or more')
+        require(self.draws >= 2, 'draws', self.draws, 'expected at least 2')
+
+    @property
+    def spread(self) -> tuple[float, float, float]:
+        """Standard deviations of x, y (m) and yaw (rad)."""
+        return self.spread_m, self.spread_m, self.spread_rad
+
+
+class TrajectoryProgress(NamedTuple):
+    """How far refining has come: what was done last, the side of the squares in use, m, the
+    standard deviation of points around their lines, m, the last change of the poses (root mean
+    square, m and rad), draws so far, and the time it took.
+    """  # noqa: D205
+
+    doing: str
+    side_m: float
+    spread_m: float
+    change_m: float
+    change_rad: float
+    draws: int
+    seconds: float
+
+
+class TrajectoryRefinement:
+    """The poses of K scans given their ranges and what was believed of them.
+
+    Deterministic for a seed, however it is stopped and gone on with. `order` (K,) is the order
+    the scans were taken in, by default that in which they are given.
+    """
+
+    def __init__(
+        self,
+        placed: Sequence[tuple[Scan, PoseBelief]],
+        config: TrajectoryConfig | None = None,
+        *,
+        moves: Moves | None = None,
+        order: AnyArray | None = None,
+    ) -> None:
+        if not placed:
+            raise WindowError('no scan was recorded: expected at least one')
+        self.config = TrajectoryConfig() if config is None else config
+        self.points = ScanPoints.of([scan for scan, _ in placed], self.config.max_range_m)
+        beliefs = [belief for _, belief in placed]
+        self.factors = PoseFactors.of(beliefs, self.config.spread, moves)
+        self.order: Int64Array = np.asarray(
+            np.arange(len(placed)) if order is None else order, np.int64
+        )
+        self.poses = self.factors.mean.copy()
+        self.deviations: list[Float64Array] = []
+        self._rng = np.random.default_rng(self.config.seed)
+        self._system: SurfelSystem | None = None
+        self._steps = self._plan()
+        self._began = time.monotonic()
+
+    # -- refining ---------------------------------------------------------------------------
+
+    def run(
+        self, max_time_s: float = math.inf, cancelled: Callable[[], bool] = lambda: False
+    ) -> Iterator[TrajectoryProgress]:
+        """Go on where it was left; yield after each step, until all is done or time is up."""
+        until = time.monotonic() + max_time_s
+        for progress in self._steps:
+            yield progress
+            if time.monotonic() >= until or cancelled():
+                return
+
+    def _plan(self) -> Iterator[TrajectoryProgress]:
+        if self.config.search:
+            look_up = LookUp()
+            before = self.poses
+            self.poses = look_up_in_turn(self.points, self.factors, self.order, look_up)
+            yield self._progress('looked up in turn', 0.0, self.poses - before)
+            for stage in SEARCH_STAGES:
+                yield from self._aligning(stage)
+            before = self.poses
+            self.poses = relocate(self.points, self.poses, self.factors, look_up)
+            yield self._progress('looked up again', 0.0, self.poses - before)
+        for stage in STAGES:
+            yield from self._aligning(stage)
+        yield from self._drawing(STAGES[-1])
+
+    def _aligning(self, stage: Stage) -> Iterator[TrajectoryProgress]:
+        for _ in range(stage.steps):
+            before = self.poses
+            self.poses, self._system = align(self.points, before, self.factors, stage)
+            yield self._progress('aligned', stage.side_m, self.poses - before)
+
+    def _drawing(self, stage: Stage) -> Iterator[TrajectoryProgress]:
+        system = SurfelSystem.around(self.points, self.poses, stage)
+        at = self.factors.linearised(self.poses)
+        self._system = system
+        for _ in range(self.config.draws):
+            noise = system.noise(self._rng) + self.factors.noise(at, self._rng)
+            self.deviations.append(self.config.inflation * solve(system, self.factors, at, noise))
+            yield self._progress('drawn', stage.side_m, np.zeros_like(self.poses))
+
+    def _progress(self, doing: str, side_m: float, change: Float64Array) -> TrajectoryProgress:
+        spread = math.nan if self._system is None else math.sqrt(self._system.variance)
+        squares = wrapped(change) ** 2
+        return TrajectoryProgress(
+            doing,
+            side_m,
+            spread,
+            math.sqrt(float(squares[:, :2].sum(axis=1).mean())),
+            math.sqrt(float(squares[:, 2].mean())),
+            len(self.deviations),
+            time.monotonic() - self._began,
+        )
+
+    # -- poses out --------------------------------------------------------------------------
+
+    def trajectory(self) -> list[Pose2D]:
+        """Return the poses as they are now."""
+        return poses_of(self.poses)
+
+    def covariances(self) -> Float64Array:
+        """Return the covariance (K, 3, 3) of every pose; nan before two draws."""
+        if len(self.deviations) < 2:
+            return np.full((len(self.poses), 3, 3), np.nan)
+        drawn = np.array(self.deviations)
+        covariances: Float64Array = np.einsum('ski,skj->kij', drawn, drawn) / len(drawn)
+        return covariances
+
+    def beliefs(self) -> list[PoseBelief]:
+        """Return the poses with their covariances, once there are any."""
+        known = len(self.deviations) >= 2
+        return [
+            PoseBelief(pose, covariance if known else None)
+            for pose, covariance in zip(self.trajectory(), self.covariances(), strict=True)
+        ]
+
+    def drawn_trajectories(self) -> Float64Array:
+        """Return the draws (S, K, 3) of all poses together."""
+        deviations = np.array(self.deviations).reshape(-1, *self.poses.shape)
+        return wrapped(self.poses + deviations)

@@ -1,0 +1,219 @@
+"""Poses of all scans at once, from what they saw of the same surfaces.
+
+The model. Space is cut into squares of side h, and each of them into the two sides it can be seen
+from. What scans saw there lies on one line, at a distance that is unknown (a flat prior) and is
+integrated out; n the normal, p_i(x) a point as placed by the pose of its scan:
+
+    log p(z | x) = -1/2 sum over surfels of [ sum_i w_i r_i^2 - (sum_i w_i r_i)^2 / sum_i w_i ]
+    r_i = n . p_i(x),  w_i = f(r_i / cut) / variance
+
+f makes points that are no part of the line count little (Geman and McClure). Squares lie in four
+layers, shifted by half a side, each with a quarter of the weight. Together with the factors of
+`ogm_mcmc.trajectory.factors` this is quadratic around given poses, and what it says is solved for
+all poses together by conjugate gradients: a product costs one pass over the points, nothing of
+the size K x K is ever made. Eliminating the surfaces is what BALM does for three dimensions
+(Liu and Zhang 2021, "BALM: Bundle Adjustment for Lidar Mapping").
+
+A draw of the poses is a solution for a gradient with the precision as its covariance
+(perturb and solve: Papandreou and Yuille 2010): exact for the quadratic model, one solution each.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ogm_mcmc.arrays import AnyArray, Float64Array, Int64Array
+from ogm_mcmc.trajectory.factors import Linearised, PoseFactors
+from ogm_mcmc.trajectory.points import ScanPoints, wrapped
+from ogm_mcmc.trajectory.surfel_kernels import (
+    SUMS,
+    centre,
+    choose_sides,
+    fit_lines,
+    gather,
+    own_blocks,
+    sum_up,
+    times_precision,
+    weigh,
+)
+
+__all__ = ['Stage', 'SurfelSystem', 'align', 'solve']
+
+LAYERS = ((0.0, 0.0), (0.5, 0.0), (0.0, 0.5), (0.5, 0.5))
+
+# A line is at least so many sides long (standard deviation of the points along it).
+LEAST_LENGTH = 0.125
+
+# Conjugate gradients stop when the gradient is so small a part of what it was.
+ACCURACY = 1e-4
+
+
+class Stage(NamedTuple):
+    """One stage of an alignment: squares of `side_m`; points further than about twice `cut_m`
+    from a line do not count; a line is `flatness` times as narrow as long (variances).
+    """  # noqa: D205
+
+    side_m: float
+    cut_m: float
+    flatness: float
+    steps: int
+
+
+class SurfelSystem(NamedTuple):
+    """The log-likelihood around poses: A entries of V surfels, see `surfel_kernels`.
+
+    `variance` is that of a point around its line, m^2, as the points themselves show it.
+    """
+
+    residual: Float64Array
+    jacobian: Float64Array
+    weight: Float64Array
+    surfel: Int64Array
+    scan: Int64Array
+    total: Float64Array
+    blocks: Float64Array
+    gradient: Float64Array
+    variance: float
+
+    @classmethod
+    def around(cls, points: ScanPoints, poses: Float64Array, stage: Stage) -> SurfelSystem:
+        """Fit the surfels to the points as the poses (K, 3) place them."""
+        residual, jacobian, weight, surfel, scan = _entries(points, poses, stage)
+        shift = int(surfel.max(initial=-1)) + 1
+        total: Float64Array = np.bincount(surfel, weight, minlength=shift).astype(np.float64)
+        mean = np.empty(shift)
+        centre(residual, weight, surfel, total, mean)
+        off = residual - mean[surfel]
+        variance = max(_variance(off, weight, int(np.count_nonzero(total)), stage.cut_m), 1e-8)
+        weight /= variance
+        total /= variance
+        n_scans = points.n_scans
+        gradient, blocks = np.zeros((n_scans, 3)), np.zeros((n_scans, 3, 3))
+        gather(-off, jacobian, weight, scan, gradient)
+        own_blocks(jacobian, weight, scan, blocks)
+        return cls(off, jacobian, weight, surfel, scan, total, blocks, gradient, variance)
+
+    def times(self, x: Float64Array) -> Float64Array:
+        """Return the precision times x (K, 3)."""
+        out = np.zeros_like(x)
+        along, mean = np.empty(self.weight.size), np.empty(self.total.size)
+        times_precision(
+            x, self.jacobian, self.weight, self.surfel, self.scan, self.total, along, mean, out
+        )
+        return out
+
+    def noise(self, rng: np.random.Generator) -> Float64Array:
+        """Draw (K, 3) with the precision as its covariance."""
+        white = rng.standard_normal(self.weight.size) / np.sqrt(self.weight)
+        mean = np.empty(self.total.size)
+        centre(white, self.weight, self.surfel, self.total, mean)
+        out = np.zeros_like(self.gradient)
+        gather(white - mean[self.surfel], self.jacobian, self.weight, self.scan, out)
+        return out
+
+
+def _entries(
+    points: ScanPoints, poses: Float64Array, stage: Stage
+) -> tuple[Float64Array, Float64Array, Float64Array, Int64Array, Int64Array]:
+    """Return residual, Jacobian, weight, surfel and scan of those entries that count."""
+    parts: list[tuple[AnyArray, ...]] = []
+    shift = 0
+    for offset in LAYERS:
+        residual, jacobian, weight, surfel, n_surfels = _layer(points, poses, stage, offset)
+        used = weight > 0.0
+        scan = points.scan[used]
+        parts.append((residual[used], jacobian[used], weight[used], surfel[used] + shift, scan))
+        shift += n_surfels
+    residual, jacobian, weight, surfel, scan = (
+        np.concatenate(arrays) for arrays in zip(*parts, strict=True)
+    )
+    return residual, jacobian, weight, surfel, scan
+
+
+def _variance(off: Float64Array, weight: Float64Array, surfels: int, cut_m: float) -> float:
+    """Return the variance of a point that counts in full, m^2.
+
+    Such that (sum of weights) / variance is the information that the points have of a common
+    distance: sum psi'(r)^2 / sum psi(r)^2 for the influence psi(r) = f(r / cut) r (Huber 1964).
+    """
+    if off.size == 0:
+        return 1.0
+    squares = 0.25 * (off / cut_m) ** 2
+    share = 1.0 / len(LAYERS)
+    influence = (weight / share * off) ** 2 * share
+    slope = weight * (1.0 - 4.0 * squares / (1.0 + squares))
+    points = share * off.size
+    # Where a line is and how it runs was taken from the points themselves.
+    freedom = max(1.0 - 2.0 * share * surfels / points, 0.1)
+    total_slope = max(float(slope.sum()), 0.1 * float(weight.sum()))
+    return float(influence.sum()) * float(weight.sum()) / (total_slope**2 * freedom)
+
+
+def _layer(
+    points: ScanPoints, poses: Float64Array, stage: Stage, offset: tuple[float, float]
+) -> tuple[Float64Array, Float64Array, Float64Array, Int64Array, int]:
+    """Return the entries of one layer and the number of its surfels."""
+    placed = points.placed(poses)
+    # Sums of squares lose digits far from where they are counted from.
+    origin = np.floor(placed.min(axis=0) / stage.side_m) * stage.side_m
+    cell = np.floor(placed / stage.side_m + offset).astype(np.int64)
+    cell -= cell.min(axis=0)
+    _, surfel = np.unique(cell[:, 1] * (cell[:, 0].max() + 1) + cell[:, 0], return_inverse=True)
+    surfel = surfel.reshape(-1).astype(np.int64)
+    n_squares = int(surfel.max()) + 1
+    x, y = np.ascontiguousarray((placed - origin).T)
+    sensor_x, sensor_y = np.ascontiguousarray((poses[points.scan, :2] - origin).T)
+    sums, line = np.empty((n_squares, SUMS)), np.zeros((n_squares, 5))
+    least = LEAST_LENGTH * stage.side_m
+    sum_up(x, y, surfel, sums)
+    fit_lines(sums, stage.flatness, least, line)
+    sided = np.empty_like(surfel)
+    choose_sides(x, y, sensor_x, sensor_y, surfel, line, sided)
+    sums, line = np.empty((2 * n_squares, SUMS)), np.zeros((2 * n_squares, 5))
+    sum_up(x, y, sided, sums)
+    fit_lines(sums, stage.flatness, least, line)
+    residual, jacobian, weight = np.empty(x.size), np.empty((x.size, 3)), np.empty(x.size)
+    share = 1.0 / len(LAYERS)
+    weigh(x, y, sensor_x, sensor_y, sided, line, stage.cut_m, share, residual, jacobian, weight)
+    return residual, jacobian, weight, sided, 2 * n_squares
+
+
+def solve(
+    system: SurfelSystem,
+    factors: PoseFactors,
+    at: Linearised,
+    right: Float64Array,
+    most: int = 60,
+    accuracy: float = ACCURACY,
+) -> Float64Array:
+    """Return x (K, 3) with (precision of system and factors) x = right, by conjugate gradients.
+
+    The blocks of the scans are the preconditioner; at most so many rounds.
+    """
+    inverse = np.linalg.inv(system.blocks + at.blocks)
+    x, left = np.zeros_like(right), right.copy()
+    scaled = np.einsum('kij,kj->ki', inverse, left)
+    along = scaled.copy()
+    size = first = float((left * scaled).sum())
+    for _ in range(most):
+        if size <= accuracy**2 * first or size == 0.0:
+            break
+        product = system.times(along) + factors.times(at, along)
+        length = size / float((along * product).sum())
+        x += length * along
+        left -= length * product
+        scaled = np.einsum('kij,kj->ki', inverse, left)
+        before, size = size, float((left * scaled).sum())
+        along = scaled + size / before * along
+    return x
+
+
+def align(
+    points: ScanPoints, poses: Float64Array, factors: PoseFactors, stage: Stage
+) -> tuple[Float64Array, SurfelSystem]:
+    """Take one step of Gauss and Newton; return the poses (K, 3) and what it solved."""
+    system = SurfelSystem.around(points, poses, stage)
+    at = factors.linearised(poses)
+    return wrapped(poses + solve(system, factors, at, system.gradient + at.gradient)), system

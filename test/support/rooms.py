@@ -1,0 +1,42 @@
+"""A room of straight walls and scans of it, for what moves poses."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ogm_mcmc.arrays import Float64Array
+from ogm_mcmc.geometry import Pose2D, Scan
+from ogm_mcmc.simulation.lidar import true_ranges
+
+__all__ = ['ROOM', 'path_through', 'scans_of']
+
+# Walls (W, 4), m: a room of 6 x 4 m with a wall standing into it and a box.
+ROOM = np.array(
+    [
+        (0, 0, 6, 0), (6, 0, 6, 4), (6, 4, 0, 4), (0, 4, 0, 0), (3.5, 0, 3.5, 1.5),
+        (1, 3, 1.6, 3), (1.6, 3, 1.6, 3.4), (1.6, 3.4, 1, 3.4), (1, 3.4, 1, 3),
+    ],
+    np.float64,
+)  # fmt: skip
+
+
+def path_through(count: int) -> Float64Array:
+    """Return poses (count, 3) along a bow through the room."""
+    share = np.linspace(0.0, 1.0, count)
+    return np.column_stack((1.0 + 4.0 * share, 2.2 + 0.3 * np.sin(6.0 * share), 0.5 - share))
+
+
+def scans_of(poses: Float64Array, beams: int, noise_m: float, seed: int = 0) -> list[Scan]:
+    """Return full turns of a lidar at the poses (K, 3)."""
+    rng = np.random.default_rng(seed)
+    bearings: Float64Array = -np.pi + 2.0 * np.pi / beams * np.arange(beams, dtype=np.float64)
+    return [
+        Scan.checked(
+            true_ranges(ROOM, Pose2D(x, y, yaw), bearings) + noise_m * rng.standard_normal(beams),
+            angle_min_rad=-np.pi,
+            angle_increment_rad=2.0 * np.pi / beams,
+            range_min_m=0.0,
+            range_max_m=20.0,
+        )
+        for x, y, yaw in poses
+    ]

@@ -1,0 +1,77 @@
+"""Factors of poses: derivatives against differences, products against matrices."""
+
+import numpy as np
+import pytest
+
+from ogm_mcmc.geometry import Pose2D, PoseBelief, PoseSamples
+from ogm_mcmc.trajectory.factors import Moves, PoseFactors, relative_poses
+
+COUNT, STEP = 4, 1e-6
+
+
+@pytest.fixture
+def factors() -> PoseFactors:
+    rng = np.random.default_rng(3)
+    root = rng.normal(size=(COUNT, 3, 3))
+    beliefs = [
+        PoseBelief(Pose2D(*rng.normal(size=3)), root[k] @ root[k].T + 0.2 * np.eye(3))
+        for k in range(COUNT)
+    ]
+    odometry = rng.normal(size=(COUNT, 3))
+    moves = Moves.of_odometry(odometry, np.array([0, 2, 1, 3]), share=0.1, least=(0.3, 0.2, 0.1))
+    return PoseFactors.of(beliefs, (1.0, 1.0, 1.0), moves)
+
+
+def dense(times: object) -> np.ndarray:
+    columns = []
+    for i in range(3 * COUNT):
+        unit = np.zeros(3 * COUNT)
+        unit[i] = 1.0
+        columns.append(times(unit.reshape(COUNT, 3)).reshape(-1))  # type: ignore[operator]
+    return np.array(columns).T
+
+
+def test_the_gradient_is_that_of_the_density(factors: PoseFactors) -> None:
+    poses = np.random.default_rng(4).normal(scale=0.3, size=(COUNT, 3)) + factors.mean
+    numeric = np.zeros((COUNT, 3))
+    for k in range(COUNT):
+        for axis in range(3):
+            step = np.zeros((COUNT, 3))
+            step[k, axis] = STEP
+            up, down = factors.log_density(poses + step), factors.log_density(poses - step)
+            numeric[k, axis] = (up - down) / (2.0 * STEP)
+    np.testing.assert_allclose(factors.linearised(poses).gradient, numeric, rtol=1e-5, atol=1e-5)
+
+
+def test_products_and_blocks_belong_to_one_symmetric_matrix(factors: PoseFactors) -> None:
+    at = factors.linearised(factors.mean)
+    matrix = dense(lambda x: factors.times(at, x))
+    np.testing.assert_allclose(matrix, matrix.T, atol=1e-9)
+    assert np.linalg.eigvalsh(matrix).min() > 0.0
+    for k in range(COUNT):
+        own = slice(3 * k, 3 * k + 3)
+        np.testing.assert_allclose(matrix[own, own], at.blocks[k], rtol=1e-9, atol=1e-9)
+
+
+def test_noise_has_the_precision_as_its_covariance(factors: PoseFactors) -> None:
+    at = factors.linearised(factors.mean)
+    rng = np.random.default_rng(5)
+    drawn = np.array([factors.noise(at, rng).reshape(-1) for _ in range(8000)])
+    matrix = dense(lambda x: factors.times(at, x))
+    size = np.sqrt(np.outer(np.diag(matrix), np.diag(matrix)))
+    assert np.abs((drawn.T @ drawn / len(drawn) - matrix) / size).max() < 0.06
+
+
+def test_particles_count_with_mean_and_covariance() -> None:
+    samples = PoseSamples.checked(np.array([(0.0, 0.0, 0.0), (2.0, 0.0, 0.0)]))
+    belief = PoseBelief(Pose2D(9.0, 9.0), None, samples)
+    factors = PoseFactors.of([belief], (1.0, 1.0, 1.0))
+    np.testing.assert_allclose(factors.mean, [(1.0, 0.0, 0.0)])
+    assert factors.precision[0, 0, 0] == pytest.approx(1.0, rel=1e-5)
+
+
+def test_a_move_is_seen_from_the_first_pose() -> None:
+    first, second = np.array([(1.0, 1.0, np.pi / 2.0)]), np.array([(1.0, 3.0, np.pi)])
+    np.testing.assert_allclose(
+        relative_poses(first, second), [(2.0, 0.0, np.pi / 2.0)], atol=1e-12
+    )

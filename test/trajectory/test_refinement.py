@@ -1,0 +1,60 @@
+"""Refining a trajectory step by step: what comes out, and that it does not depend on stops."""
+
+import numpy as np
+import pytest
+from support.rooms import path_through, scans_of
+
+from ogm_mcmc.errors import ConfigError, WindowError
+from ogm_mcmc.evaluation.trajectories import absolute_errors
+from ogm_mcmc.geometry import PoseBelief
+from ogm_mcmc.trajectory import TrajectoryConfig, TrajectoryRefinement
+from ogm_mcmc.trajectory.points import poses_of
+
+TRUTH = path_through(10)
+SCANS = scans_of(TRUTH, 120, 0.01)
+START = TRUTH + np.random.default_rng(2).normal(size=TRUTH.shape) * (0.05, 0.05, 0.02)
+SPREAD = np.diag(np.square((0.05, 0.05, 0.02)))
+
+
+def refinement(draws: int = 20) -> TrajectoryRefinement:
+    beliefs = [PoseBelief(pose, SPREAD) for pose in poses_of(START)]
+    config = TrajectoryConfig(draws=draws, seed=7)
+    return TrajectoryRefinement(list(zip(SCANS, beliefs, strict=True)), config)
+
+
+def test_poses_get_better_and_say_how_good_they_are() -> None:
+    whole = refinement()
+    progress = list(whole.run())
+    assert progress[-1].doing == 'drawn'
+    assert progress[-1].draws == 20
+    assert absolute_errors(whole.poses, TRUTH).distance_m.mean() < 0.004
+    beliefs = whole.beliefs()
+    spread = np.array([np.sqrt(np.diag(belief.covariance)) for belief in beliefs])
+    # All ten were off together by chance: that no scan can tell.
+    assert (spread[:, :2] > 0.05 / np.sqrt(10.0) * 0.6).all()
+    assert (spread[:, :2] < 0.05).all()
+    assert (np.abs(whole.poses - TRUTH) < 4.0 * spread).all()
+
+
+def test_stopping_and_going_on_changes_nothing() -> None:
+    whole, parts = refinement(4), refinement(4)
+    expected = [one[:-1] for one in whole.run()]
+    found = []
+    while len(found) < len(expected):
+        found += [one[:-1] for one in parts.run(max_time_s=0.0)]
+    np.testing.assert_array_equal(parts.poses, whole.poses)
+    np.testing.assert_array_equal(parts.covariances(), whole.covariances())
+    assert found == expected
+
+
+def test_covariances_are_unknown_before_there_are_draws() -> None:
+    fresh = refinement()
+    assert fresh.beliefs()[0].covariance is None
+    np.testing.assert_allclose(fresh.poses, START)
+
+
+def test_nothing_to_refine_is_refused() -> None:
+    with pytest.raises(WindowError, match='expected at least one'):
+        TrajectoryRefinement([])
+    with pytest.raises(ConfigError, match='spread_m'):
+        TrajectoryConfig(spread_m=0.0)
