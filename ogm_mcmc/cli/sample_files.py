@@ -12,7 +12,7 @@ import numpy as np
 from ogm_mcmc.arrays import Float32Array, UInt8Array
 from ogm_mcmc.config import OutputConfig
 from ogm_mcmc.errors import OutputError
-from ogm_mcmc.geometry import CellBox, GridMap
+from ogm_mcmc.geometry import CellBox, GridMap, GridSpec
 from ogm_mcmc.geometry.grid_map import entropy_bits
 from ogm_mcmc.io.map_files import save_map, save_npz, writable_folder
 from ogm_mcmc.io.sample_files import MapSamples, save_samples
@@ -65,7 +65,12 @@ def write_all(
     with tempfile.TemporaryDirectory(dir=folder, prefix=f'.{name}-') as scratch:
         at = {kind: Path(scratch) / path.name for kind, path in paths.items()}
         layers = _layers(refinement, mean.spec.box)
-        shown = hide_uncertain(mean, refinement.prior, sampled.margin, refinement.draws)
+        shown = hide_uncertain(
+            _on(mean.spec, refinement.known_map()),
+            refinement.prior,
+            sampled.margin,
+            refinement.draws,
+        )
         save_map(shown, Path(scratch), output, name)
         save_npz(mean, at['npz'], settings, layers)
         at['entropy'].write_bytes(heat_png(entropy_bits(mean.probability), 1.0))
@@ -77,6 +82,12 @@ def write_all(
         for kind, path in paths.items():
             at[kind].replace(path)
     return files
+
+
+def _on(spec: GridSpec, whole: GridMap) -> GridMap:
+    """Return the part of a map that lies on other cells of its lattice."""
+    rows, columns = whole.spec.slices(spec.box)
+    return GridMap(spec, np.ascontiguousarray(whole.probability[rows, columns]))
 
 
 def _layers(refinement: Refinement, box: CellBox) -> dict[str, Float32Array]:

@@ -138,7 +138,7 @@ class StopConfig:
         1.05, 'chains agree where R-hat is below this; 0: never stop for it', low=0.0, high=10.0
     )
     agreeing_share: float = setting(
-        0.99, 'enough when so many of the measured cells agree', low=0.0, high=1.0
+        0.99, 'enough when so many of the cells that a beam tells of agree', low=0.0, high=1.0
     )
 
     def __post_init__(self) -> None:
@@ -191,7 +191,11 @@ class PatchConfig:
         high=1.0,
     )
     margin: int = setting(
-        5, 'the window goes on so many cells beyond all rays', low=1, high=10_000
+        5,
+        'cells within so many of what a beam tells of are sampled; those beyond are solid, as '
+        'unknown ones of the training maps are',
+        low=1,
+        high=10_000,
     )
 
     def __post_init__(self) -> None:

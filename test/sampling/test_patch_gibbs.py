@@ -227,6 +227,23 @@ def test_records_equal_a_rescan(name, order, random_share, buildings):
     assert np.array_equal(state.cells.reshape(height, width)[rim], at_rim)
 
 
+def test_what_is_not_sampled_is_solid_and_stays(buildings):
+    """Whatever the start: the posterior is that given this surrounding."""
+    width, height = 40, 30
+    window = window_of(two_scans(), width, height, cut_sigma=1.0)
+    sampler = PatchModel(window.index, width, table_of('border', buildings), margin=1)
+    outside = np.ones(width * height, bool)
+    outside[sampler.touched] = False
+    assert 100 < outside.sum() < width * height - 40
+    rng = np.random.default_rng(6)
+    for share in (0.0, 0.5):
+        state = sampler.start(some_map(rng, share, width, height))
+        for _ in range(5):
+            sampler.advance(rng, state)
+        assert state.cells[outside].all()
+        assert np.array_equal(state.records, sampler.start(state.cells).records)
+
+
 @pytest.mark.jit
 def test_patches_and_cells_find_the_exact_marginals():
     # The rays stay inside of what patches can change: 9 cells in the middle of 5 x 5.
@@ -244,6 +261,7 @@ def test_patches_and_cells_find_the_exact_marginals():
         PatchModel(index, 7, make_table('uniform', 9, p_occupied=0.3)),
         PatchModel(index, 7, make_table('uniform', 9, p_occupied=0.3), order='random'),
         PatchModel(index, 7, make_table('uniform', 1, p_occupied=0.3)),
+        PatchModel(index, 7, make_table('uniform', 9, p_occupied=0.3), margin=2),
     ):
         chains = PosteriorSampler(sampler, [np.zeros(49, np.uint8)] * 2, seed=3, burn_in=50)
         chains.advance(20_050)
