@@ -152,6 +152,7 @@ class Refinement:
             escape=patch.escape,
             random_share=patch.random_share,
             margin=patch.margin,
+            flip_cells=patch.random_share == 0.0,
         )
 
     def _begin(self, start: GridMap | None, warm: list[GridMap]) -> None:

@@ -5,6 +5,10 @@ from numba import njit
 
 from ogm_mcmc.sampling.ray_index_kernels import following_cell
 
+# Cells that are less likely occupied do not stop a ray. Hundreds of them would as independent
+# ones; but the reading at its end says of all together that they are free.
+DUST = np.float32(0.1)
+
 
 @njit(cache=True, nogil=True)
 def count_telling(ray_start, likelihood, nothing, least, telling):
@@ -26,7 +30,7 @@ def mark_arrivals(
 ):  # fmt: skip
     """Raise `arrival` (K,) to the largest chance, over all rays, that one arrives at a cell.
 
-    probability  (K,) float32 that a cell is occupied, taken as independent along a ray
+    probability  (K,) float32 that a cell is occupied, taken as independent along a ray above DUST
     A ray is followed while it tells anything and its chance is at least `least`.
     """
     for ray in range(first_cell.size):
@@ -35,7 +39,8 @@ def mark_arrivals(
         chance = np.float32(1.0)
         for at in range(begin, end):
             arrival[cell] = max(arrival[cell], chance)
-            chance *= np.float32(1.0) - probability[cell]
+            if probability[cell] > DUST:
+                chance *= np.float32(1.0) - probability[cell]
             if chance < least:
                 break
             cell = following_cell(cell, steps[at], across[ray], up[ray])

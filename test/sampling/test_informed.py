@@ -50,7 +50,7 @@ def test_arrival_is_the_product_of_what_is_free_before():
         chance = 1.0
         for cell in list(ray.cells)[:told]:
             expected[cell] = max(expected[cell], chance)
-            chance *= 1.0 - float(p[cell])
+            chance *= 1.0 - float(p[cell]) if p[cell] > 0.1 else 1.0
     found = arrival(index, telling, p)
     assert found == pytest.approx(expected, abs=1e-6)
     assert 0 < np.count_nonzero(found) < np.count_nonzero(np.diff(index.cell_start))
