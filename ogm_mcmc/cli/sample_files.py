@@ -12,7 +12,7 @@ from ogm_mcmc.arrays import Float32Array, UInt8Array
 from ogm_mcmc.config import OutputConfig
 from ogm_mcmc.engine.refinement import Refinement, hide_uncertain
 from ogm_mcmc.files.output_files import replacing_set
-from ogm_mcmc.geometry import CellBox, GridMap
+from ogm_mcmc.geometry import CellBox, GridMap, GridSpec
 from ogm_mcmc.geometry.grid_map import entropy_bits
 from ogm_mcmc.io.map_files import save_npz, write_map
 from ogm_mcmc.io.sample_files import MapSamples, save_samples
@@ -57,7 +57,12 @@ def write_all(
     result.update(shape)
     with replacing_set(folder, name) as scratch:
         layers = _layers(refinement, mean.spec.box)
-        shown = hide_uncertain(mean, refinement.prior, sampled.margin, refinement.draws)
+        shown = hide_uncertain(
+            _on(mean.spec, refinement.known_map()),
+            refinement.prior,
+            sampled.margin,
+            refinement.draws,
+        )
         write_map(shown, scratch, output, name)
         save_npz(mean, scratch / f'{name}.npz', settings, layers)
         entropy = heat_png(entropy_bits(mean.probability), 1.0)
@@ -69,6 +74,12 @@ def write_all(
             json.dumps({**result, 'files': files}, indent=2) + '\n', encoding='utf-8'
         )
     return files
+
+
+def _on(spec: GridSpec, whole: GridMap) -> GridMap:
+    """Return the part of a map that lies on other cells of its lattice."""
+    rows, columns = whole.spec.slices(spec.box)
+    return GridMap(spec, np.ascontiguousarray(whole.probability[rows, columns]))
 
 
 def _layers(refinement: Refinement, box: CellBox) -> dict[str, Float32Array]:

@@ -142,7 +142,11 @@ class StopConfig:
         live=True,
     )
     agreeing_share: float = setting(
-        0.99, 'enough when so many of the measured cells agree', low=0.0, high=1.0, live=True
+        0.99,
+        'enough when so many of the cells that a beam tells of agree',
+        low=0.0,
+        high=1.0,
+        live=True,
     )
 
     def __post_init__(self) -> None:
@@ -196,7 +200,11 @@ class PatchConfig:
         parameter=False,
     )
     margin: int = setting(
-        5, 'the window goes on so many cells beyond all rays', low=1, high=10_000
+        5,
+        'cells within so many of what a beam tells of are sampled; those beyond are solid, as '
+        'unknown ones of the training maps are',
+        low=1,
+        high=10_000,
     )
 
     def __post_init__(self) -> None:

@@ -35,9 +35,17 @@ def patch_prior(config: SamplerConfig, trimming: PatchTableConfig | None = None)
 
 
 def posterior_model(
-    config: SamplerConfig, window: RayWindow, table: PatchTable | None
+    config: SamplerConfig,
+    window: RayWindow,
+    table: PatchTable | None,
+    *,
+    everywhere: bool = False,
 ) -> PosteriorModel:
-    """Return the posterior of the rays of a window, single cells where there is no `table`."""
+    """Return the posterior of the rays of a window, single cells where there is no `table`.
+
+    With `everywhere` patches are drawn on all of the window, as the papers do; without it only
+    where readings can tell something.
+    """
     chain, patch, width = config.chain, config.patch, window.spec.width
     if table is None:
         return CellModel(window.index, chain.prior_log_odds, width, chain.order)
@@ -48,6 +56,8 @@ def posterior_model(
         order=patch.order,
         escape=patch.escape,
         random_share=patch.random_share,
+        margin=None if everywhere else patch.margin,
+        flip_cells=not everywhere and patch.random_share == 0.0,
     )
 
 

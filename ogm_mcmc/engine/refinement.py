@@ -38,6 +38,8 @@ from ogm_mcmc.sampling import (
     over_dispersed_starts,
 )
 from ogm_mcmc.sampling.estimates import hide_uncertain
+from ogm_mcmc.sampling.informed import known_cells
+from ogm_mcmc.sampling.posterior import ARRIVES, forgotten
 
 __all__ = [
     'Progress',
@@ -93,7 +95,7 @@ class Refinement:
         self.window = self._empty_window()
         self._table, self.prior = patch_prior(config)
         self.sampler: PosteriorSampler | None = None
-        self.quality: ChainQuality | None = None  # of the measured cells
+        self.quality: ChainQuality | None = None  # of the informed cells
         self._summary: dict[str, float] | None = None
 
     # -- scans in ---------------------------------------------------------------------------
@@ -147,6 +149,8 @@ class Refinement:
                 chain.seed,
                 cells_on(spec, live, 0.5, 1.0) == 0,
             )
+            if self._table is not None:
+                starts = forgotten(model, starts, chain.seed)
         sampler = PosteriorSampler(model, starts, seed=chain.seed, burn_in=chain.burn_in)
         if self.sampler is not None:
             # From the seed, chains would repeat the numbers that brought them where they are. The
@@ -205,9 +209,7 @@ class Refinement:
             elif cancelled():
                 reason = 'cancelled'
             if reason or (now - judged_at) * JUDGING_SHARE >= judging_s:
-                quality = sampler.quality()
-                # Cells no ray crosses have nothing to agree about.
-                self.quality = None if quality is None else quality.of(sampler.model.measured)
+                self.quality = sampler.informed_quality()
                 self._summary = None if self.quality is None else self.quality.summary()
                 judged_at = time.monotonic()
                 judging_s = judged_at - now
@@ -285,6 +287,16 @@ class Refinement:
         if self.sampler is None:
             raise WindowError('nothing was sampled yet: no map')
         return self.grid_map(self.sampler.estimate().mean)
+
+    def known_map(self) -> GridMap:
+        """Return the posterior mean where data moved it, nan elsewhere (see `known_cells`)."""
+        whole = self.map()
+        assert self.sampler is not None
+        spec = self.window.spec
+        arrival = self.sampler.arrival(self.sampler.estimate().mean)
+        arrives = (arrival >= ARRIVES).reshape(spec.height, spec.width)
+        known = known_cells(whole.probability, arrives, self.config.patch.margin)
+        return GridMap(spec, np.where(known, whole.probability, np.float32(np.nan)))
 
     def grid_map(self, values: Float32Array) -> GridMap:
         """Return values (C,) of the touched cells on the window, nan elsewhere."""

@@ -29,7 +29,7 @@ LEAVE_INDEXING_S = 1.0
 
 
 class RefinedMap(NamedTuple):
-    """A posterior mean (nan: no ray ever came) as it was handed over; `number` rises by one.
+    """A posterior mean as it was handed over, nan where data says nothing; `number` rises by one.
 
     It is the mean of `draws` maps of all chains; a cell of which nothing is known has `prior`.
     """
@@ -237,7 +237,7 @@ class RefineWorker:
     def _hand_over(self, order: _Order, progress: Progress, *, final: bool) -> None:
         if progress.counted == 0 and self.result is not None:
             return  # a map from before is better than the first sweeps of new chains
-        grid_map = self._refinement.map()
+        grid_map = self._refinement.known_map()
         with self._changed:
             if self._forget:
                 return

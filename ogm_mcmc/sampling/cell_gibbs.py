@@ -11,9 +11,20 @@ from numpy.random import Generator
 from ogm_mcmc.arrays import AnyArray, Float32Array, UInt8Array
 from ogm_mcmc.errors import GridError, require
 from ogm_mcmc.sampling.gibbs_kernels import find_first_hits, sweep_cells
+from ogm_mcmc.sampling.informed import telling_cells
 from ogm_mcmc.sampling.ray_index import RayIndex
 
-__all__ = ['ORDERS', 'CellModel', 'Draw', 'GibbsState', 'SweepInfo', 'run_chain', 'start', 'sweep']
+__all__ = [
+    'ORDERS',
+    'CellModel',
+    'Draw',
+    'GibbsState',
+    'SweepInfo',
+    'highest_probability',
+    'run_chain',
+    'start',
+    'sweep',
+]
 
 ORDERS = ('fixed', 'random', 'checkerboard')
 
@@ -58,8 +69,8 @@ class CellModel:
         self.prior_log_odds = float(prior_log_odds)
         self.order = order
         self.touched = index.touched()
-        self.measured = np.ones(self.touched.size, np.bool_)
-        self.ceiling = _ceiling(index, self.prior_log_odds)
+        self.telling = telling_cells(index)
+        self.ceiling = highest_probability(index, self.prior_log_odds)
         even = (self.touched // width + self.touched % width) % 2 == 0
         self._checkered = np.concatenate((self.touched[even], self.touched[~even]))
 
@@ -133,7 +144,7 @@ def run_chain(
             yield state, info
 
 
-def _ceiling(index: RayIndex, prior_log_odds: float) -> Float32Array:
+def highest_probability(index: RayIndex, prior_log_odds: float) -> Float32Array:
     """Return (K,) what no conditional probability of a cell exceeds, whatever the other cells.
 
     p <= sigmoid(prior + the most its rays can add), rounded upwards.

@@ -12,7 +12,9 @@ import numpy as np
 from numba import njit
 
 from ogm_mcmc.sampling.gibbs_kernels import (
+    SLACK,
     lengthen_rays,
+    log_odds_unless_below,
     shorten_rays,
 )
 from ogm_mcmc.sampling.ray_index_kernels import following_cell
@@ -170,9 +172,9 @@ def draw_index(rng, log_weights, count, weights):
 
 @njit(cache=True, nogil=True)
 def sweep_patches(
-    rng, corners, side, width, inner, ring, escape, random_share, entry_of_border, start,
-    candidates, log_probability, floor, cells, records, bits, cell_start, pairs, pair_bits,
-    positions, ray_start, steps, across, up, likelihood, nothing,
+    rng, corners, side, width, inner, ring, escape, random_share, flip_cells, entry_of_border,
+    start, candidates, log_probability, floor, cells, records, bits, cell_start, pairs, pair_bits,
+    positions, gain, ray_start, steps, across, up, likelihood, nothing,
 ):  # fmt: skip
     """Draw one patch after the other given its border and all rays; return the flipped cells.
 
@@ -180,6 +182,8 @@ def sweep_patches(
     escape        share of draws that also consider one pattern that is not listed
     random_share  share of draws that take any pattern without looking ([patch] p_randPatch); above
                   0, patterns that are not listed count as impossible, as published
+    flip_cells    whether one cell of each patch, chosen at random, is drawn afterwards given the
+                  others, whatever the table lists
     """
     patterns = np.int64(1) << (side * side)
     mask = entry_of_border.size - 1
@@ -201,15 +205,13 @@ def sweep_patches(
         reckless = random_share > 0.0 and rng.random() < random_share
         current = read_pattern(cells, corner, inner)
         settled = random_share == 0.0 or current == candidates[first]
-        if n_options == 1 and settled and not (beyond or reckless):
-            continue  # one candidate: no ray can change that
         chosen = current
-        if reckless:
+        listed = place_in(candidates, first, last, current) >= 0
+        if n_options == 1 and settled and not (beyond or reckless):
+            pass  # one candidate: no ray can change that
+        elif reckless:
             chosen = np.int64(rng.random() * patterns)
-        else:
-            listed = place_in(candidates, first, last, current) >= 0
-            if not (listed or beyond or random_share > 0.0):
-                continue
+        elif listed or beyond or random_share > 0.0:
             for i in range(n_options):
                 options[i] = candidates[first + i]
                 scores[i] = log_probability[first + i]
@@ -242,4 +244,35 @@ def sweep_patches(
                     begin, end, cell, cells, records, bits, pairs, positions, ray_start, steps,
                     across, up, likelihood, nothing,
                 )  # fmt: skip
+        if not flip_cells:
+            continue
+        place = np.int64(rng.random() * inner.size)
+        one = np.int64(1) << place
+        cell, u = corner + inner[place], rng.random()
+        threshold = math.log(u / (1.0 - u)) if u > 0.0 else -math.inf
+        prior = 0.0
+        for option in range(2):
+            pattern = (chosen | one) if option else (chosen & ~one)
+            row = place_in(candidates, first, last, pattern)
+            value = floor[entry] if row < 0 else log_probability[row]
+            prior += value if option else -value
+        enough = threshold - gain[cell] - SLACK
+        if prior < enough and not cells[cell]:
+            continue  # no ray can change that
+        begin, end = cell_start[cell], cell_start[cell + 1]
+        log_odds = log_odds_unless_below(
+            enough, prior, begin, end, cell, cells, records, bits, pairs, pair_bits, positions,
+            ray_start, steps, across, up, likelihood, nothing,
+        )  # fmt: skip
+        if log_odds > threshold and not cells[cell]:
+            cells[cell] = 1
+            shorten_rays(begin, end, records, bits, pairs, pair_bits, positions)
+            flips += 1
+        elif cells[cell] and not log_odds > threshold:
+            cells[cell] = 0
+            lengthen_rays(
+                begin, end, cell, cells, records, bits, pairs, positions, ray_start, steps,
+                across, up, likelihood, nothing,
+            )  # fmt: skip
+            flips += 1
     return flips

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -14,12 +15,19 @@ from numpy.random import Generator
 from ogm_mcmc.arrays import AnyArray, BoolArray, Float32Array, UInt8Array
 from ogm_mcmc.errors import WindowError, require
 from ogm_mcmc.files.npz_files import TEXT, Field, NpzFile, npz_file
-from ogm_mcmc.sampling.cell_gibbs import GibbsState
+from ogm_mcmc.sampling.cell_gibbs import GibbsState, highest_probability
 from ogm_mcmc.sampling.diagnostics import BatchCounts, ChainQuality, assess
-from ogm_mcmc.sampling.gibbs_kernels import add_occupied
+from ogm_mcmc.sampling.gibbs_kernels import add_occupied, sweep_cells
+from ogm_mcmc.sampling.informed import arrival
 from ogm_mcmc.sampling.ray_index import RayIndex
 
-__all__ = ['Estimate', 'PosteriorModel', 'PosteriorSampler', 'over_dispersed_starts']
+__all__ = ['Estimate', 'PosteriorModel', 'PosteriorSampler', 'forgotten', 'over_dispersed_starts']
+
+ARRIVES = 0.5
+"""A cell is informed if a ray arrives there with at least this chance."""
+
+FORGETTING_SWEEPS = 10
+FORGETTING_LOG_ODDS = math.log(1e-4)
 
 
 class PosteriorModel(Protocol):
@@ -31,8 +39,8 @@ class PosteriorModel(Protocol):
     touched: AnyArray
     """Cells (C,) int32 that are sampled."""
 
-    measured: BoolArray
-    """(C,) whether a ray crosses them; the others know of the rays through the prior at most."""
+    telling: AnyArray
+    """How many cells of each ray (N,) it tells anything of; see `telling_cells`."""
 
     @property
     def n_cells(self) -> int:
@@ -125,6 +133,24 @@ class PosteriorSampler:
     def quality(self) -> ChainQuality | None:
         """Judge the chains (see `assess`); None while they are too short."""
         return assess(self.counts)
+
+    def arrival(self, mean: Float32Array) -> Float32Array:
+        """Return (K,) the chance that a ray arrives at a cell, given the mean (C,)."""
+        model = self.model
+        probability = np.ones(model.n_cells, np.float32)
+        probability[model.touched] = mean
+        return arrival(model.index, model.telling, probability, ARRIVES)
+
+    def informed_quality(self) -> ChainQuality | None:
+        """Judge the chains by the cells at which a ray arrives that tells anything of them.
+
+        What lies behind a surface, or in the flat tail of a ray, has nothing to agree about: it
+        is the prior's.
+        """
+        quality = self.quality()
+        if quality is None:
+            return None
+        return quality.of(self.arrival(quality.mean)[self.model.touched] >= ARRIVES)
 
     def log_likelihoods(self) -> list[float]:
         """Log p(z | m) of every chain's present map, nats."""
@@ -235,6 +261,26 @@ def _check_window(path: Path, header: dict[str, Any], model: PosteriorModel) -> 
             f'{path}: sampled {saved[1]} of {saved[0]} cells: expected {here[1]} of {here[0]}, '
             'those of this window'
         )
+
+
+def forgotten(model: PosteriorModel, starts: Sequence[UInt8Array], seed: int) -> list[UInt8Array]:
+    """Return maps (K,) that do not depend on where they started.
+
+    A block of solid or empty cells is held together by a learned prior, and would outlast any
+    burn-in. So cells are drawn one by one first, given the same rays and an even, small chance of
+    being occupied: a few sweeps leave what the readings ask for, and nothing else.
+    """
+    ceiling = highest_probability(model.index, FORGETTING_LOG_ODDS)
+    rngs = np.random.default_rng([seed, 2]).spawn(len(starts))
+
+    def one(rng: Generator, cells: UInt8Array) -> UInt8Array:
+        state = model.start(cells)
+        for _ in range(FORGETTING_SWEEPS):
+            sweep_cells(rng, model.touched, *state, model.index, ceiling, FORGETTING_LOG_ODDS)
+        return state.cells
+
+    with ThreadPoolExecutor(len(starts)) as pool:
+        return list(pool.map(one, rngs, starts))
 
 
 def over_dispersed_starts(

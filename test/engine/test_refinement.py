@@ -10,6 +10,7 @@ from support.strategies import fan
 from ogm_mcmc.config import (
     ChainConfig,
     ForwardModelConfig,
+    PatchConfig,
     RecordingConfig,
     SamplerConfig,
     StopConfig,
@@ -329,6 +330,56 @@ def test_cells_no_more_certain_than_the_prior_are_hidden():
     assert shown[5:] == approx([0.0, 0.14, 0.86])
     shown = hide_uncertain(grid, prior=0.8, margin=0.0).probability[0]
     assert np.isnan(shown).tolist() == [True, False, False, True, True, False, False, False]
+
+
+def room(reach_m=2.0):
+    """Scans in the middle of a square room whose walls are thin lines, seen from inside only."""
+    bearings = np.arange(126) * 0.05 - 1.0
+    far = np.maximum(np.abs(np.cos(bearings)), np.abs(np.sin(bearings)))
+    scan = fan(*(reach_m / far), bearing=-1.0, increment=0.05, range_max_m=8.0)
+    return PlacedScan.at(scan, Pose2D(0.02, 0.03))
+
+
+def learned(**chain):
+    return SamplerConfig(
+        model=ForwardModelConfig(sigma=0.05),
+        window=WindowConfig(resolution=0.1),
+        chain=ChainConfig(**{'burn_in': 10, **chain}),
+        patch=PatchConfig(prior='border', size=9),
+    )
+
+
+@pytest.mark.filterwarnings('ignore:.*prior learned at')
+def test_a_refined_room_has_no_fur():
+    """Known are the inside and the surface of its walls; nothing beyond, and every side of it."""
+    refinement = Refinement(learned())
+    refinement.take([room()])
+    run(refinement, max_sweeps=100)
+    known = refinement.known_map()
+    spec = known.spec
+    rows, columns = np.indices(known.probability.shape)
+    x = (columns + spec.column0 + 0.5) * 0.1 - 0.02
+    y = (rows + spec.row0 + 0.5) * 0.1 - 0.03
+    out = np.maximum(np.abs(x), np.abs(y))
+    shown = np.isfinite(known.probability)
+    assert not shown[out > 2.25].any()
+    assert shown[(out < 1.9)].all()
+    assert (known.probability[out < 1.8] < 0.2).all()
+    assert shown.sum() < np.isfinite(refinement.map().probability).sum()
+
+
+@pytest.mark.filterwarnings('ignore:.*prior learned at')
+@pytest.mark.parametrize('start', ['free', 'occupied', 'live'])
+def test_the_map_is_the_same_from_any_start(start):
+    found = []
+    for kind in ('dispersed', start):
+        refinement = Refinement(learned(start=kind))
+        refinement.take([room()])
+        run(refinement, max_sweeps=150)
+        found.append(refinement.known_map().probability)
+    both = np.isfinite(found[0]) & np.isfinite(found[1])
+    assert both.sum() > 0.95 * max(np.isfinite(p).sum() for p in found)
+    assert np.abs(found[0] - found[1])[both].mean() < 0.01
 
 
 # -- recording ------------------------------------------------------------------------------------

@@ -74,7 +74,9 @@ def test_the_last_map_is_what_the_core_samples(make):
     result = worker.result
     assert result.final
     assert (result.scans, result.stamp_ns, result.draws) == (6, 1_000_000_005, 70)
-    assert np.array_equal(result.grid_map.probability, core.map().probability, equal_nan=True)
+    assert np.array_equal(
+        result.grid_map.probability, core.known_map().probability, equal_nan=True
+    )
     assert worker.status.progress.sweeps == 40
     assert (worker.status.scans, worker.status.rays) == (6, 144)
     assert worker.status.n_bytes > worker.status.rays * 15

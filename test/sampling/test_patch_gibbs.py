@@ -187,6 +187,42 @@ def test_kernel_draws_as_its_twin(name, escape, present, buildings):
     assert abs(disagreement(seen, draw.transition(escape)[present])) < 4.0
 
 
+def cell_by_chance(conditional):
+    """Transition (512, 512): one of nine cells, drawn given the other eight."""
+    patterns = np.arange(512)
+    total = np.zeros((512, 512))
+    for i in range(9):
+        free, occupied = patterns & ~(1 << i), patterns | (1 << i)
+        both = conditional[free] + conditional[occupied]
+        total[patterns, free] += conditional[free] / both / 9.0
+        total[patterns, occupied] += conditional[occupied] / both / 9.0
+    return total
+
+
+@pytest.mark.jit
+@pytest.mark.parametrize('present', [0, 341], ids=['listed', 'not listed'])
+@pytest.mark.parametrize(
+    ('name', 'escape'), [('uniform', 0.3), ('handmade', 0.3), ('border', 0.02)]
+)
+def test_flips_of_cells_leave_the_conditional_as_it_is(name, escape, present, buildings):
+    """A draw of the patch, then of one of its cells: the kernel does what its twin does."""
+    index = window_of(two_scans()).index
+    table, place = table_of(name, buildings), PLACES[1]
+    cells = np.array(
+        naive.with_pattern(some_map(np.random.default_rng(5)), WIDTH, *place, 3, present),
+        np.uint8,
+    )
+    draw = naive.PatchDraw(naive.rays_of(index), cells.tolist(), WIDTH, place, table)
+    conditional = draw.conditional()
+    flip = cell_by_chance(conditional)
+    assert_allclose(conditional @ flip, conditional, rtol=1e-9)
+    expected = (draw.transition(escape) @ flip)[present]
+    sampler = PatchModel(index, WIDTH, table, flip_cells=True)
+    seen = kernel_frequencies(sampler, cells, place, escape, 6000, 29)
+    assert (seen > 0).sum() > 3
+    assert abs(disagreement(seen, expected)) < 4.0
+
+
 @pytest.mark.jit
 def test_published_variant_draws_as_its_twin():
     index = window_of(two_scans()).index
@@ -202,8 +238,8 @@ def test_published_variant_draws_as_its_twin():
 
 @pytest.mark.parametrize('order', ['tiled', 'random'])
 @pytest.mark.parametrize('name', ['uniform', 'handmade', 'border'])
-@pytest.mark.parametrize('random_share', [0.0, 0.2])
-def test_records_equal_a_rescan(name, order, random_share, buildings):
+@pytest.mark.parametrize(('random_share', 'flip_cells'), [(0.0, False), (0.2, False), (0.0, True)])
+def test_records_equal_a_rescan(name, order, random_share, flip_cells, buildings):
     width, height = 13, 11
     scans = [
         PlacedScan.at(scan, Pose2D(p.x_m + 4.0, p.y_m + 3.0, p.yaw_rad))
@@ -212,7 +248,13 @@ def test_records_equal_a_rescan(name, order, random_share, buildings):
     index = window_of(scans, width, height).index
     rays = naive.rays_of(index)
     sampler = PatchModel(
-        index, width, table_of(name, buildings), order=order, escape=0.3, random_share=random_share
+        index,
+        width,
+        table_of(name, buildings),
+        order=order,
+        escape=0.3,
+        random_share=random_share,
+        flip_cells=flip_cells,
     )
     rng = np.random.default_rng(2)
     state = sampler.start(some_map(rng, 0.2, width, height))
@@ -233,6 +275,23 @@ def test_records_equal_a_rescan(name, order, random_share, buildings):
     assert np.array_equal(state.cells.reshape(height, width)[rim], at_rim)
 
 
+def test_what_is_not_sampled_is_solid_and_stays(buildings):
+    """Whatever the start: the posterior is that given this surrounding."""
+    width, height = 40, 30
+    window = window_of(two_scans(), width, height, cut_sigma=1.0)
+    sampler = PatchModel(window.index, width, table_of('border', buildings), margin=1)
+    outside = np.ones(width * height, bool)
+    outside[sampler.touched] = False
+    assert 100 < outside.sum() < width * height - 40
+    rng = np.random.default_rng(6)
+    for share in (0.0, 0.5):
+        state = sampler.start(some_map(rng, share, width, height))
+        for _ in range(5):
+            sampler.advance(rng, state)
+        assert state.cells[outside].all()
+        assert np.array_equal(state.records, sampler.start(state.cells).records)
+
+
 @pytest.mark.jit
 def test_patches_and_cells_find_the_exact_marginals():
     # The rays stay inside of what patches can change: 9 cells in the middle of 5 x 5.
@@ -250,6 +309,7 @@ def test_patches_and_cells_find_the_exact_marginals():
         PatchModel(index, 7, make_table('uniform', 9, p_occupied=0.3)),
         PatchModel(index, 7, make_table('uniform', 9, p_occupied=0.3), order='random'),
         PatchModel(index, 7, make_table('uniform', 1, p_occupied=0.3)),
+        PatchModel(index, 7, make_table('uniform', 9, p_occupied=0.3), margin=2, flip_cells=True),
     ):
         chains = PosteriorSampler(sampler, [np.zeros(49, np.uint8)] * 2, seed=3, burn_in=50)
         chains.advance(20_050)

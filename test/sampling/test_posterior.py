@@ -9,8 +9,12 @@ from support.strategies import fan
 
 from ogm_mcmc.config import ForwardModelConfig, WindowConfig
 from ogm_mcmc.errors import ConfigError, WindowError
-from ogm_mcmc.geometry import PlacedScan, Pose2D
+from ogm_mcmc.geometry import CellBox, PlacedScan, Pose2D
+from ogm_mcmc.io.prior_files import default_prior_file, load_prior
 from ogm_mcmc.sampling import CellModel, PosteriorSampler, RayWindow, over_dispersed_starts
+from ogm_mcmc.sampling.patch_gibbs import PatchModel
+from ogm_mcmc.sampling.patch_prior import make_table
+from ogm_mcmc.sampling.posterior import forgotten
 
 approx = pytest.approx
 
@@ -167,6 +171,57 @@ def test_starts_of_one_kind(kind, mean):
     assert [s.tolist() for s in again] == [s.tolist() for s in starts]
     if kind == 'prior':
         assert not np.array_equal(starts[0], starts[1])
+
+
+def blocked_room():
+    """A room seen from its middle by many beams, and a prior that holds blocks together."""
+    window = RayWindow(
+        WindowConfig(resolution=0.2), ForwardModelConfig(sigma=0.1), limits=CellBox(0, 0, 40, 30)
+    )
+    scan = fan(*[2.1] * 120, bearing=0.0, increment=0.05, range_max_m=6.0)
+    window.add([PlacedScan.at(scan, Pose2D(4.03, 3.02, 0.0))])
+    counts = load_prior(default_prior_file(), 0.05).counts
+    return PatchModel(window.index, 40, make_table('border', 9, counts), margin=3)
+
+
+def test_starts_are_forgotten():
+    """From a solid window, an empty one and noise: what the readings ask for and nothing else."""
+    model = blocked_room()
+    rng = np.random.default_rng(1)
+    starts = [
+        np.zeros(model.n_cells, np.uint8),
+        np.ones(model.n_cells, np.uint8),
+        (rng.random(model.n_cells) < 0.5).astype(np.uint8),
+    ]
+    found = forgotten(model, starts, 1)
+    again = forgotten(model, starts, 1)
+    walls = []
+    for cells, same, start in zip(found, again, starts, strict=True):
+        assert np.array_equal(cells, same)
+        assert model.log_likelihood(model.start(cells)) > model.log_likelihood(model.start(start))
+        rows, columns = np.divmod(model.touched[cells[model.touched] == 1], 40)
+        walls.append(rows.size)
+        distance = np.hypot((columns + 0.5) * 0.2 - 4.03, (rows + 0.5) * 0.2 - 3.02)
+        assert np.abs(distance - 2.1).max() < 0.6
+    assert max(walls) < 1.2 * min(walls)
+
+
+def test_cells_behind_a_surface_are_not_judged():
+    """They take the prior's word, whatever rays cross them on paper."""
+    model = blocked_room()
+    sampler = PosteriorSampler(
+        model, forgotten(model, [np.zeros(model.n_cells, np.uint8)] * 2, 1), seed=3, burn_in=10
+    )
+    assert sampler.informed_quality() is None
+    sampler.advance(74)
+    quality = sampler.informed_quality()
+    arrives = sampler.arrival(sampler.quality().mean) >= 0.5
+    assert quality.mean.size == arrives[model.touched].sum()
+    assert quality.mean.size < 0.8 * model.touched.size
+    rows, columns = np.divmod(np.flatnonzero(arrives), 40)
+    distance = np.hypot((columns + 0.5) * 0.2 - 4.03, (rows + 0.5) * 0.2 - 3.02)
+    assert distance.max() < 2.9
+    assert quality.agreeing_share(1.2) > 0.9
 
 
 # -- files ----------------------------------------------------------------------------------------

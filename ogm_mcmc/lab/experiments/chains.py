@@ -96,7 +96,7 @@ def sampled_map(
     """
     spec, world = window.spec, data.world.spec
     config = SamplerConfig(chain=ChainConfig(prior=prior))
-    model = posterior_model(config, window, table)
+    model = posterior_model(config, window, table, everywhere=True)
     begin = on_window(spec, start, world, 1)
     sampler = PosteriorSampler(model, [begin], seed=seed, burn_in=plan.burn_in)
     sampler.advance(plan.burn_in + plan.samples)

@@ -94,7 +94,7 @@ def sample_map(
     The time per sample is that of the processor, without the burn-in.
     """
     window = window_of(config, scans, box)
-    model = posterior_model(config, window, patch_prior(config).table)
+    model = posterior_model(config, window, patch_prior(config).table, everywhere=True)
     chain, spec = config.chain, window.spec
     known = np.nan_to_num(start.probability, nan=chain.prior)
     live: UInt8Array = (known >= chain.start_threshold).astype(np.uint8).reshape(-1)

@@ -1,0 +1,98 @@
+"""Where patches lie in a window, and how often each is drawn.
+
+Design note: only what data can inform is sampled
+-------------------------------------------------
+Context. Of the cells of a window more than half are never crossed by a ray. Under a learned prior
+they form solid or empty blocks that no single patch can turn over: chains from different starts
+never agree about them, and they took more than half of the patches of a sweep.
+
+Decision. Cells are sampled within a margin of those that a ray tells something of, in patches
+that lie inside of that band. All others are one fixed map: solid. That is what unknown cells
+count as where the prior is learned (`LearningConfig.unknown`), so it is the prior's own state of
+space nobody saw, and it is no start: the posterior is that given this surrounding.
+
+Far in front of all readings (`gain` 0) a patch is free but for one draw in thousands. Patches of
+such cells alone are drawn in one of eight sweeps, chosen at random: fixed probabilities of being
+drawn leave the posterior as it is.
+
+Consequence. Intel, 5 cm: 295 000 of 587 000 cells are sampled, 23 000 instead of 65 000 patches a
+sweep. With free surroundings instead, held-out beams are 0.011 nats less likely (odd beams of
+910 scans), and of a sparsely seen hospital the area under the ROC curve is 0.88 instead of 0.95.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ogm_mcmc.arrays import AnyArray, BoolArray
+from ogm_mcmc.sampling.informed import arrival, near
+from ogm_mcmc.sampling.ray_index import RayIndex
+
+__all__ = ['DULL_TURNS', 'PatchPlaces', 'patch_places']
+
+DULL_TURNS = 8
+
+
+class PatchPlaces(NamedTuple):
+    """Lower left cells of patches, int32.
+
+    `touched` (C,): the cells that are in a patch, in rising order; `corners` (P,): all patches.
+    `active`, `dull`: by offset of the tiling, row by row, patches side by side of which every one
+    is drawn in a sweep, and those of which one in `DULL_TURNS` is.
+    """
+
+    touched: AnyArray
+    corners: AnyArray
+    active: list[AnyArray]
+    dull: list[AnyArray]
+
+
+def patch_places(
+    index: RayIndex, telling: AnyArray, width: int, side: int, margin: int | None
+) -> PatchPlaces:
+    """Return all patches whose border lies in the window too.
+
+    With a `margin`, cells, only those that lie within it of cells a ray tells of; of these the
+    patches far in front of all readings are drawn more seldom.
+    """
+    height = index.n_cells // width
+    cells = np.arange(index.n_cells, dtype=np.int32).reshape(height, width)
+    corners = cells[1:-side, 1:-side]
+    if margin is None:
+        inside, dull = np.ones_like(corners, np.bool_), np.zeros_like(corners, np.bool_)
+    else:
+        nothing = np.zeros(index.n_cells, np.float32)
+        told = (arrival(index, telling, nothing) > 0.0).reshape(height, width)
+        inside = _whole(near(told, margin), side)
+        crossed = np.diff(index.cell_start) > 0
+        dull = _whole(((index.gain <= 0.0) & crossed).reshape(height, width), side)
+    sampled = np.zeros((height, width), np.bool_)
+    for row in range(1, side + 1):
+        for column in range(1, side + 1):
+            sampled[row : row + len(corners), column : column + corners.shape[1]] |= inside
+    offsets = [(row, column) for row in range(side) for column in range(side)]
+
+    def tilings(chosen: BoolArray) -> list[AnyArray]:
+        return [
+            corners[row::side, column::side][chosen[row::side, column::side]]
+            for row, column in offsets
+        ]
+
+    return PatchPlaces(
+        np.flatnonzero(sampled).astype(np.int32),
+        corners[inside],
+        tilings(inside & ~dull),
+        tilings(inside & dull),
+    )
+
+
+def _whole(cells: BoolArray, side: int) -> BoolArray:
+    """Which patches, by their lower left cell inside of the rim, have all their cells."""
+    height, width = cells.shape[0] - side - 1, cells.shape[1] - side - 1
+    whole = np.ones((height, width), np.bool_)
+    for row in range(1, side + 1):
+        for column in range(1, side + 1):
+            whole &= cells[row : row + height, column : column + width]
+    return whole

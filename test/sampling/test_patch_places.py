@@ -1,0 +1,73 @@
+"""Where patches lie: all of a window, or the band around what rays tell of."""
+
+import math
+
+import numpy as np
+import pytest
+from support.strategies import fan
+
+from ogm_mcmc.config import ForwardModelConfig, WindowConfig
+from ogm_mcmc.geometry import CellBox, PlacedScan, Pose2D
+from ogm_mcmc.sampling import RayWindow
+from ogm_mcmc.sampling.informed import arrival, near, telling_cells
+from ogm_mcmc.sampling.patch_places import DULL_TURNS, patch_places
+
+WIDTH, HEIGHT = 40, 30
+
+
+@pytest.fixture(scope='module')
+def index():
+    window = RayWindow(
+        WindowConfig(resolution=1.0),
+        ForwardModelConfig(sigma=0.4),
+        limits=CellBox(0, 0, WIDTH, HEIGHT),
+    )
+    scan = fan(*[22.0] * 40, bearing=-0.2, increment=0.01, range_max_m=30.0)
+    window.add([PlacedScan.at(scan, Pose2D(3.5, 12.5, 0.0))])
+    return window.index
+
+
+@pytest.mark.parametrize('side', [1, 3, 5])
+@pytest.mark.parametrize('margin', [None, 1, 4])
+def test_every_tiling_has_each_patch_once(index, side, margin):
+    places = patch_places(index, telling_cells(index), WIDTH, side, margin)
+    parts = [*places.active, *places.dull]
+    assert len(places.active) == len(places.dull) == side * side
+    together = np.concatenate(parts)
+    assert np.array_equal(np.sort(together), places.corners)
+    inner = [row * WIDTH + column for row in range(side) for column in range(side)]
+    for active, dull in zip(places.active, places.dull, strict=True):
+        covered = np.concatenate((active, dull))[:, None] + inner
+        assert np.unique(covered).size == covered.size  # side by side
+    everything = np.unique(together[:, None] + inner)
+    assert np.array_equal(everything, places.touched)
+    rim = np.ones((HEIGHT, WIDTH), bool)
+    rim[1:-1, 1:-1] = False
+    assert not rim.reshape(-1)[places.touched].any()
+    if margin is None:
+        assert places.touched.size == (HEIGHT - 2) * (WIDTH - 2)
+        assert sum(dull.size for dull in places.dull) == 0
+
+
+def test_only_the_band_around_what_rays_tell_of_is_sampled(index):
+    telling = telling_cells(index)
+    told = arrival(index, telling, np.zeros(index.n_cells, np.float32)) > 0.0
+    places = patch_places(index, telling, WIDTH, 3, 4)
+    band = near(told.reshape(HEIGHT, WIDTH), 4)
+    sampled = np.zeros(index.n_cells, bool)
+    sampled[places.touched] = True
+    assert not sampled[~band.reshape(-1)].any()
+    assert sampled[told].all()
+    assert 200 < sampled.sum() < 0.7 * index.n_cells
+
+
+def test_patches_far_in_front_of_all_readings_are_dull(index):
+    places = patch_places(index, telling_cells(index), WIDTH, 3, 4)
+    dull = np.concatenate(places.dull)
+    assert dull.size > 20
+    crossed = np.diff(index.cell_start) > 0
+    for corner in dull.tolist():
+        cells = [corner + row * WIDTH + column for row in range(3) for column in range(3)]
+        assert (index.gain[cells] == 0.0).all()
+        assert crossed[cells].all()
+    assert math.log2(DULL_TURNS) == 3
