@@ -1,13 +1,10 @@
 """`ros2 launch ogm_mcmc online_mapper.launch.py [params_file:=...] [use_sim_time:=true]`."""
 
-from pathlib import Path
-
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
-from launch.substitutions import LaunchConfiguration
+from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
-
-SHARE = Path(__file__).resolve().parents[1]
+from launch_ros.substitutions import FindPackageShare
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -15,7 +12,10 @@ def generate_launch_description() -> LaunchDescription:
         [
             DeclareLaunchArgument(
                 'params_file',
-                default_value=str(SHARE / 'config' / 'online_mapper.yaml'),
+                # Through the ament index: a symlink install leaves this file in the source tree.
+                default_value=PathJoinSubstitution(
+                    [FindPackageShare('ogm_mcmc'), 'config', 'online_mapper.yaml']
+                ),
                 description='parameters of online_mapper',
             ),
             DeclareLaunchArgument(

@@ -42,8 +42,8 @@ after 105 sweeps 169 940, for the same time a sweep.
 Tried as well (Intel, processor time of one chain): draws of patches that never changed late in
 the burn-in in one of eight sweeps only, 56 instead of 78 ms a sweep, but the likelihood rises more
 slowly, and as many effective samples a second; rays through a patch summed up by the cells they
-meet before any option is looked at, and all numbers of a ray in one cache line: no faster. Half of
-the time goes to patches at surfaces that no draw changes any more.
+meet before any option is looked at, and all numbers of a ray in one cache line: no gain seen, on
+a busy machine. Half of the time goes to patches at surfaces that no draw changes any more.
 
 Design note: what a sweep costs
 -------------------------------

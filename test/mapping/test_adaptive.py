@@ -520,3 +520,13 @@ def test_one_specialization_of_each_kernel():
     kernels = (apply_evidence, count_seen, count_unknowns, fill_log_odds, mark_again)
     for kernel in (*kernels, merge_leaves, plant, split_leaves):
         assert len(kernel.signatures) == 1, (kernel.__name__, kernel.signatures)
+
+
+def test_a_particle_too_light_to_matter_marks_nothing():
+    """As with `pose_uncertain`: 0.0005 of the weight is below `negligible`."""
+    poses = np.array([[0.5, 0.5, 0.0], [0.5, 6.5, 0.0]])
+    belief = PoseBelief(Pose2D(0.5, 0.5), None, PoseSamples.checked(poses, [0.9995, 0.0005]))
+    method, known = mapper(), mapper()
+    method.update(PlacedScan(fan(5.0), belief))
+    known.update(PlacedScan.at(fan(5.0), Pose2D(0.5, 0.5)))
+    assert same(leaves_of(method), leaves_of(known))
