@@ -66,7 +66,8 @@ def run(options: argparse.Namespace) -> int:
                 pipeline.update(placed)
     # A single sensor may well sit at mount.x, mount.y; several of them hardly do.
     frames = scans.frames
-    unmounted = sorted(frames - set(placing.mount.named())) if len(frames) > 1 else []
+    mounted = {*placing.mount.named(), *scans.mounted_by_tf}
+    unmounted = sorted(frames - mounted) if len(frames) > 1 else []
     settings = {**flatten(config), **flatten(output), **flatten(placing)}
     grid_map = pipeline.map()
     kinds = ('npz', 'json', 'png', 'pgm', 'yaml')
@@ -79,6 +80,10 @@ def run(options: argparse.Namespace) -> int:
         'scans_used': pipeline.scans_used,
         'dropped': dict(scans.placer.dropped),
         'frames_without_mount': unmounted,
+        'mounts_from_tf': {
+            frame: [mount.pose.x_m, mount.pose.y_m, mount.pose.yaw_rad, mount.upside_down]
+            for frame, mount in scans.mounted_by_tf.items()
+        },
         'width': grid_map.spec.width,
         'height': grid_map.spec.height,
         'origin': [grid_map.spec.origin_x_m, grid_map.spec.origin_y_m],
@@ -129,6 +134,7 @@ def _text(result: dict[str, Any]) -> str:
         f'in {result["seconds"]:.2f} s'
         + (f'; dropped: {dropped}' if dropped else '')
         + _unmounted_text(result['frames_without_mount'])
+        + _mounts_text(result['mounts_from_tf'])
         + (_tree_text(result['tree']) if 'tree' in result else '')
     )
 
@@ -138,6 +144,15 @@ def _unmounted_text(frames: list[str]) -> str:
         return ''
     named = ', '.join(frames[:3]) + (', ...' if len(frames) > 3 else '')
     return f'; without a mount of their own (--mount.frames), all at (mount.x, mount.y): {named}'
+
+
+def _mounts_text(mounts: dict[str, list[Any]]) -> str:
+    return ''.join(
+        f'; {frame} sits at {x:.3f} {y:.3f} m, {yaw:.4f} rad'
+        + (', upside down' if turned else '')
+        + ' (from tf)'
+        for frame, (x, y, yaw, turned) in mounts.items()
+    )
 
 
 def _tree_text(tree: dict[str, Any]) -> str:

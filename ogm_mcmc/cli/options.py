@@ -140,7 +140,7 @@ def add_stream_options(parser: argparse.ArgumentParser) -> None:
         'with commas',
     )
     group.add_argument('--pose-topic', default='', help='default: the first topic that fits')
-    group.add_argument('--pose-source', choices=('pose', 'particles'), default='pose')
+    group.add_argument('--pose-source', choices=('pose', 'particles', 'tf'), default='pose')
 
 
 def stream_choice(

@@ -47,6 +47,8 @@ DROP_REASONS = {
     'queue_full': 'too many scans were waiting for a pose',
     'pose_unusable': 'the pose at its stamp is not level or not finite',
     'pose_unavailable': 'the pose source has no pose at its stamp',
+    'scan_invalid': 'the message does not hold a scan',
+    'pose_invalid': 'the message does not hold a pose',
 }
 
 

@@ -150,7 +150,6 @@ def write_scan_only_bag(path):
         (['map', '{bag}', '-o', 'out', '--max-cells', '5000'], 'max_cells'),
         (['import-carmen', 'notes.txt', '-o', 'out'], 'no laser line in it'),
         (['import-carmen', 'nowhere.log', '-o', 'out'], 'nowhere.log'),
-        (['import-carmen', 'cut.log', '-o', 'out'], 'line 3'),
         (['info', 'notes.txt'], 'notes.txt'),
         (['replay', 'nowhere'], 'nowhere: no such file or folder'),
         (['bench', 'online', '--scene', 'notes.txt'], 'expected an NPZ'),
@@ -214,7 +213,6 @@ def test_a_mistake_is_one_line_and_leaves_nothing(
     (tmp_path / 'ok.log').write_text(CARMEN)
     (tmp_path / 'empty.npz').write_bytes(b'')
     (tmp_path / 'cut.npz').write_bytes(b'PK\x03\x04 and no more')
-    (tmp_path / 'cut.log').write_text(CARMEN[:-40])
     write_scan_only_bag(tmp_path / 'scans_only')
     before = sorted(tmp_path.rglob('*'))
     done = run_cli(*(argument.format(bag=office_bag) for argument in arguments))

@@ -5,11 +5,12 @@ import math
 import numpy as np
 import pytest
 
+from ogm_mcmc.config import MountConfig
 from ogm_mcmc.engine.bag_scans import PlacedScans, StreamChoice, choose_topics
 from ogm_mcmc.errors import BagError
-from ogm_mcmc.geometry import Pose2D
+from ogm_mcmc.geometry import PlacedScan, Pose2D, SensorMount
 from ogm_mcmc.io import ros_types
-from ogm_mcmc.io.bags import BagReader
+from ogm_mcmc.io.bags import BagReader, typestore
 
 SECOND = 1_000_000_000
 TENTH = SECOND // 10
@@ -112,7 +113,6 @@ def covariance(*entries):
 
 FAULTS = {
     'no beams': ('/scan', changed('ranges', np.zeros(0, np.float32)), 'at least one beam'),
-    'frame of scan': ('/scan', changed('header.frame_id', 'rear'), "frame_id is 'rear'"),
     'no increment': ('/scan', changed('angle_increment', 0.0), 'angle_increment is 0'),
     'wrong sign': ('/scan', changed('angle_increment', -0.5), 'wrong sign'),
     'nan increment': ('/scan', changed('angle_increment', math.nan), 'finite'),
@@ -123,7 +123,6 @@ FAULTS = {
     'nan heading': ('/pose', changed('pose.pose.orientation.w', math.nan), 'finite'),
     'no heading': ('/pose', changed('pose.pose.orientation.w', 0.0), 'unit length'),
     'tilted': ('/pose', changed('pose.pose.orientation.x', 0.7071), 'expected'),
-    'frame of pose': ('/pose', changed('header.frame_id', 'odom'), "frame_id is 'odom'"),
     'negative variance': ('/pose', covariance((1, 1, -0.01)), 'positive semi-definite'),
     'too correlated': ('/pose', covariance((0, 1, 0.6), (1, 0, 0.6)), 'positive semi-definite'),
     'lopsided': ('/pose', covariance((0, 5, 0.2)), 'symmetric'),
@@ -132,21 +131,104 @@ FAULTS = {
 
 
 @pytest.mark.parametrize(('topic', 'change', 'reason'), FAULTS.values(), ids=FAULTS)
-def test_fault_in_the_middle(write_bag, good, topic, change, reason):
-    """The fourth message of a topic is at fault: the scans before it come, then the reason."""
+def test_one_bad_message_is_one_dropped_message(write_bag, good, topic, change, reason):
+    """The fourth message of a topic is at fault: counted, and the others are used."""
     at_fault = next(r for r in good if r[:2] == (topic, STAMPS[3]))
     change(at_fault[2])
-    placed, choice = [], StreamChoice()
-    path = write_bag(good)
+    path, choice = write_bag(good), StreamChoice()
+    with BagReader(path) as bag:
+        stream = PlacedScans(bag, choose_topics(bag, choice), choice)
+        placed = list(stream)
+    kind = 'scan_invalid' if topic == '/scan' else 'pose_invalid'
+    assert stream.placer.dropped[kind] == 1
+    assert stream.first_fault.startswith(f'{path}: {topic} at 20.300 s: ')
+    assert reason in stream.first_fault
+    assert '\n' not in stream.first_fault
+    stamps = [one.scan.stamp_ns for one in placed]
+    # Between its neighbours a scan without a pose of its own has one all the same.
+    assert stamps == [t for t in STAMPS if topic == '/pose' or t != STAMPS[3]]
+
+
+CHANGED_FRAMES = {
+    'frame of scan': ('/scan', changed('header.frame_id', 'rear'), "frame_id is 'rear'"),
+    'frame of pose': ('/pose', changed('header.frame_id', 'odom'), "frame_id is 'odom'"),
+}
+
+
+@pytest.mark.parametrize(
+    ('topic', 'change', 'reason'), CHANGED_FRAMES.values(), ids=CHANGED_FRAMES
+)
+def test_a_frame_that_changes(write_bag, good, topic, change, reason):
+    at_fault = next(r for r in good if r[:2] == (topic, STAMPS[3]))
+    change(at_fault[2])
+    path, choice, placed = write_bag(good), StreamChoice(), []
     with BagReader(path) as bag:
         stream = PlacedScans(bag, choose_topics(bag, choice), choice)
         with pytest.raises(BagError) as caught:
             placed.extend(stream)
-    message = str(caught.value)
-    assert f'{path}: {topic} at 20.300 s: ' in message
-    assert reason in message
-    assert '\n' not in message
-    assert [placement.scan.stamp_ns for placement in placed] == STAMPS[:3]
+    assert f'{path}: {topic} at 20.300 s: ' in str(caught.value)
+    assert reason in str(caught.value)
+    assert [one.scan.stamp_ns for one in placed] == STAMPS[:3]
+
+
+def transform(stamp_ns, parent, child, x, y, yaw, roll=0.0):
+    """Return a TFMessage of one transform: yaw, then roll."""
+    types = typestore().types
+    cz, sz = math.cos(yaw / 2), math.sin(yaw / 2)
+    cx, sx = math.cos(roll / 2), math.sin(roll / 2)
+    turn = types['geometry_msgs/msg/Quaternion'](cz * sx, sz * sx, sz * cx, cz * cx)
+    move = types['geometry_msgs/msg/Vector3'](float(x), float(y), 0.0)
+    header = types['std_msgs/msg/Header'](
+        types['builtin_interfaces/msg/Time'](*divmod(stamp_ns, 10**9)), parent
+    )
+    stamped = types['geometry_msgs/msg/TransformStamped'](
+        header, child, types['geometry_msgs/msg/Transform'](move, turn)
+    )
+    return types['tf2_msgs/msg/TFMessage']([stamped])
+
+
+def test_the_mount_comes_from_tf_unless_parameters_say_otherwise(place, good):
+    """A laser turned by 90 degrees and upside down, 0.2 m ahead of the base."""
+    said = transform(STAMPS[0], 'base_link', 'laser', 0.2, 0.1, math.pi / 2, math.pi)
+    records = [*good, ('/tf_static', STAMPS[0] - 1, said)]
+    without, _ = place(good)
+    placed, _ = place(records)
+    mount = SensorMount(Pose2D(0.2, 0.1, math.pi / 2), True)
+    for (scan, robot), found in zip(without, placed, strict=True):
+        expected = PlacedScan.on_robot(scan, robot, mount)
+        assert np.array_equal(found.scan.ranges_m, expected.scan.ranges_m)
+        assert found.scan.angle_min_rad == expected.scan.angle_min_rad
+        where, wanted = found.pose, expected.pose
+        assert (where.x_m, where.y_m) == pytest.approx((wanted.x_m, wanted.y_m))
+        assert math.cos(where.yaw_rad - wanted.yaw_rad) == pytest.approx(1.0)
+    by_hand, _ = place(records, StreamChoice(mounts=MountConfig(x=0.5)))
+    assert by_hand[0].pose.x_m == pytest.approx(without[0].pose.x_m + 0.5)
+
+
+def test_poses_from_tf(place, good):
+    """map -> odom -> base_link -> laser, the base where the poses of the other topic are."""
+    expected, _ = place(good)
+    scans = [record for record in good if record[0] == '/scan']
+    moving = []
+    for placed in expected:
+        stamp, pose = placed.scan.stamp_ns, placed.pose
+        moving.append(('/tf', stamp, transform(stamp, 'map', 'odom', 1.0, 0.0, 0.0)))
+        base = transform(stamp, 'odom', 'base_link', pose.x_m - 1.0, pose.y_m, pose.yaw_rad)
+        moving.append(('/tf', stamp, base))
+    laser = transform(STAMPS[0], 'base_link', 'laser', 0.0, 0.0, 0.0)
+    records = [*scans, *moving, ('/tf_static', STAMPS[0] - 1, laser)]
+    found, placer = place(records, StreamChoice(pose_source='tf'))
+    assert not placer.dropped
+    assert len(found) == len(expected) > 0
+    for one, other in zip(found, expected, strict=True):
+        assert (one.pose.x_m, one.pose.y_m) == pytest.approx((other.pose.x_m, other.pose.y_m))
+    with pytest.raises(BagError, match=r'no poses in it.*there are transforms: --pose-source tf'):
+        place(records)
+    with pytest.raises(BagError, match=r"no transform leads to frame 'laser' of /scan"):
+        place(
+            [*scans, ('/tf', STAMPS[0], transform(STAMPS[0], 'map', 'odom', 0, 0, 0))],
+            StreamChoice(pose_source='tf'),
+        )
 
 
 def test_poses_at_half_the_rate(place, make_scan, make_pose):

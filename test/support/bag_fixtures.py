@@ -91,7 +91,7 @@ def write_bag(tmp_path):
     def write(records, kind='mcap', name='bag'):
         if kind == 'mcap':
             path = tmp_path / name
-            with BagWriter(path) as bag:
+            with BagWriter(path, overwrite=True) as bag:
                 for topic, time_ns, message in records:
                     bag.write(topic, message.__msgtype__, time_ns, message)
             return path
