@@ -41,7 +41,10 @@ def maps(tmp_path):
 def bag(maps):
     """Scans along the lowest row, to the right and to the left, and one that says nothing."""
     scans = [
-        PlacedScan.at(fan(0.2, np.inf, 0.05, range_max_m=0.3, stamp_ns=1), Pose2D(0.55, -0.15)),
+        PlacedScan.at(
+            fan(0.2, np.inf, 0.05, increment=1e-6, range_max_m=0.3, stamp_ns=1),
+            Pose2D(0.55, -0.15),
+        ),
         PlacedScan.at(fan(0.2, range_max_m=0.3, stamp_ns=2), Pose2D(0.55, -0.15, np.pi)),
         PlacedScan.at(fan(NAN, range_max_m=0.3, stamp_ns=3), Pose2D(0.55, -0.15)),
     ]
