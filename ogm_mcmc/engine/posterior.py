@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from functools import lru_cache
+from pathlib import Path
 from typing import NamedTuple
 
 from ogm_mcmc.config import PatchConfig, PatchTableConfig, SamplerConfig
 from ogm_mcmc.errors import PriorError
 from ogm_mcmc.files.user_paths import user_path
-from ogm_mcmc.io.prior_files import default_prior_file, load_prior
+from ogm_mcmc.io.prior_files import Prior, default_prior_file, load_prior
 from ogm_mcmc.sampling import CellModel, PosteriorModel, RayWindow
 from ogm_mcmc.sampling.patch_gibbs import PatchModel
 from ogm_mcmc.sampling.patch_prior import PatchTable, make_table
@@ -61,6 +62,12 @@ def posterior_model(
     )
 
 
+@lru_cache(maxsize=4)
+def _learned(path: Path, resolution_m: float) -> Prior:
+    """Read a prior once, and so warn once that it was learned at another resolution."""
+    return load_prior(path, resolution_m)
+
+
 @lru_cache(maxsize=8)
 def _patch_prior(
     patch: PatchConfig, cell_prior: float, resolution_m: float, trimming: PatchTableConfig | None
@@ -72,7 +79,7 @@ def _patch_prior(
         return PatchPrior(table, cell_prior)
     file = patch.prior_file
     path = user_path(file, 'patch.prior_file', PriorError) if file else default_prior_file()
-    counts = load_prior(path, resolution_m).counts
+    counts = _learned(path, resolution_m).counts
     share = float(counts.cells[1] / counts.cells.sum())
     table = make_table(patch.prior, patch.size, counts, trimming, p_occupied=cell_prior)
     return PatchPrior(table, share)

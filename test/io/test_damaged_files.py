@@ -20,7 +20,7 @@ from ogm_mcmc.config import (
 )
 from ogm_mcmc.config.settings import read_parameter_file
 from ogm_mcmc.errors import OgmError
-from ogm_mcmc.geometry import GridMap, GridSpec, Pose2D, PoseBelief
+from ogm_mcmc.geometry import GridMap, GridSpec, PlacedScan, Pose2D
 from ogm_mcmc.io.map_files import load_map, load_npz, save_npz
 from ogm_mcmc.io.prior_files import Prior, load_prior, save_prior
 from ogm_mcmc.io.sample_files import MapSamples, load_samples, save_samples
@@ -58,7 +58,7 @@ def tree_npz(path):
     method = AdaptiveMapper(
         MapperConfig(method='adaptive', adaptive=AdaptiveConfig(coarsest_level=3))
     )
-    method.update(fan(1.0), PoseBelief(Pose2D(0.05, 0.05)))
+    method.update(PlacedScan.at(fan(1.0), Pose2D(0.05, 0.05)))
     save_tree(method, path)
 
 
@@ -71,7 +71,7 @@ def samples_npz(path):
 
 def small_model():
     window = RayWindow(WindowConfig(resolution=0.5), ForwardModelConfig(sigma=0.6))
-    window.add([(fan(1.6, 1.9, increment=0.5, range_max_m=3.0), Pose2D(0.3, 0.4))])
+    window.add([PlacedScan.at(fan(1.6, 1.9, increment=0.5, range_max_m=3.0), Pose2D(0.3, 0.4))])
     return CellModel(window.index, 0.0, window.spec.width)
 
 

@@ -131,7 +131,7 @@ def test_border_beats_traditional_in_coarse_cells(data_folder):
     }  # fmt: skip
     by = {
         method: score(**common, method=method, sweeps=sweeps)
-        for method, sweeps in (('traditional', [0, 0]), ('border9', [30, 40]))
+        for method, sweeps in (('traditional', [0, 0]), ('border9', [100, 200]))
     }
     for one in by.values():
         precision, recall = one['precision'], one['recall']

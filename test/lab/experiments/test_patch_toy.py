@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from ogm_mcmc.lab.experiments import map_samples, patch_toy
+from ogm_mcmc.engine import posterior
+from ogm_mcmc.lab.experiments import patch_toy
 from ogm_mcmc.plotting.grids import LEFT, LEGEND, TOP
 
 
@@ -37,7 +38,8 @@ def test_robots_are_marked_on_every_map(tmp_path):
 
 @pytest.mark.slow
 def test_quick_run(tmp_path, caplog):
-    map_samples._prior_of.cache_clear()
+    posterior._learned.cache_clear()
+    posterior._patch_prior.cache_clear()
     result = patch_toy.run(tmp_path, quick=True, seed=1)
     assert [one.getMessage().count('prior learned at') for one in caplog.records] == [1]
     seconds = result['seconds_per_sample']

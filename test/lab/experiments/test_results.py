@@ -20,10 +20,13 @@ def test_a_picture_takes_the_place_of_an_earlier_one(tmp_path):
     assert list(tmp_path.iterdir()) == [path]
 
 
-@pytest.mark.parametrize('name', ['folder', 'nowhere/fig.png'])
-def test_no_place_for_a_picture(tmp_path, name):
+@pytest.mark.parametrize(
+    ('name', 'reason'),
+    [('folder', 'is a folder; expected'), ('nowhere/fig.png', r'cannot be written \(')],
+)
+def test_no_place_for_a_picture(tmp_path, name, reason):
     (tmp_path / 'folder').mkdir()
-    with pytest.raises(OutputError, match=rf'{name}: cannot be written \('):
+    with pytest.raises(OutputError, match=f'{name}: {reason}'):
         save_picture(tmp_path / name, b'png')
     assert [path.name for path in tmp_path.iterdir()] == ['folder']
 
@@ -35,7 +38,7 @@ def test_a_folder_named_like_a_picture_is_one_line(tmp_path, capsys, name, pictu
     (tmp_path / picture).mkdir()
     assert run(['experiment', name, '--quick', '-o', str(tmp_path)]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert f'{picture}: cannot be written (Is a directory)' in line
+    assert f'{picture}: is a folder; expected a name for a file' in line
     assert [path.name for path in tmp_path.iterdir()] == [picture]
 
 
