@@ -16,7 +16,7 @@ COMMON = """
     import numpy as np
     from ogm_mcmc.config import MapperConfig
     from ogm_mcmc.errors import GridError
-    from ogm_mcmc.geometry import CellBox, Pose2D, PoseBelief
+    from ogm_mcmc.geometry import CellBox, PlacedScan, Pose2D, PoseBelief
     from ogm_mcmc.mapping import make_method
     from support.strategies import fan
 
@@ -45,29 +45,30 @@ CASES = {
         for _ in range(100):
             method = make_method(MapperConfig(**chosen, resolution=1.0))
             scan = fan(*rng.uniform(10.0, 20.0, 180), bearing=-0.05, increment=0.05 / 180)
-            check(method, method.update(scan, belief(Pose2D())))
+            check(method, method.update(PlacedScan(scan, belief(Pose2D()))))
     """,
     # x - floor(x) is 1.0 for the tiniest negative numbers: a robot that looks back, or down.
     'hardly below the origin': """
         for x, y, yaw in ((-1e-20, 0.51, math.pi), (0.51, -1e-20, -math.pi / 2)):
             method = make_method(MapperConfig(**chosen, resolution=1.0))
-            inside = check(method, method.update(fan(5.5), belief(Pose2D(x, y, yaw))))
+            inside = check(method, method.update(PlacedScan(fan(5.5), belief(Pose2D(x, y, yaw)))))
             assert inside.sum() in low_high(6)  # the cell above the border may count
     """,
     # A slope of 100 cells in 1e-307 is no float any more.
     'hardly turned': """
         for yaw in (-1e-300, -1e-307, -1e-309, -5e-324, 5e-324):
             method = make_method(MapperConfig(**chosen, resolution=0.05))
-            inside = check(method, method.update(fan(5.0), belief(Pose2D(0.025, 0.0, yaw))))
+            placed = PlacedScan(fan(5.0), belief(Pose2D(0.025, 0.0, yaw)))
+            inside = check(method, method.update(placed))
             assert inside.sum() in low_high(101)
     """,
     # 34 million cells are allowed by default, also as 64 rows of half a million columns.
     'a very wide map': """
         method = make_method(MapperConfig(**chosen, resolution=1.0))
-        method.update(fan(5.0), belief(Pose2D(0.5, 0.5)))
+        method.update(PlacedScan(fan(5.0), belief(Pose2D(0.5, 0.5))))
         far = 2.0**19 + 100.5
         try:
-            box = method.update(fan(5.0), belief(Pose2D(far, 0.5)))
+            box = method.update(PlacedScan(fan(5.0), belief(Pose2D(far, 0.5))))
         except GridError:
             pass  # to refuse is safe, too
         else:

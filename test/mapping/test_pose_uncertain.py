@@ -23,6 +23,7 @@ from ogm_mcmc.geometry.traversal_kernels import sampled_beam_ends
 from ogm_mcmc.mapping import PoseUncertainMapper, TwoAssumptionMapper
 from ogm_mcmc.mapping.beam_evidence_kernels import sum_gaussians_per_beam, sum_steps_per_beam
 from ogm_mcmc.mapping.evidence_kernels import add_evidence, sum_per_scan
+from ogm_mcmc.mapping.pose_samples import pose_samples
 
 approx = pytest.approx
 
@@ -336,7 +337,8 @@ def test_draws_are_the_same_after_a_reset_and_for_the_same_seed_only():
     belief = PoseBelief(Pose2D(0.5, 0.5), np.diag([0.04, 0.04, 0.01]))
 
     def drawn(method):
-        return method.samples_of(office_scan(), belief).poses
+        placed = PlacedScan(office_scan(), belief)
+        return pose_samples(placed, method.config.pose_uncertain, method._rng).poses
 
     method = mapper()
     first, second = drawn(method), drawn(method)
@@ -349,9 +351,10 @@ def test_draws_are_the_same_after_a_reset_and_for_the_same_seed_only():
 
 def test_accuracy_chooses_the_number_of_draws_with_the_range():
     """s^2 = 0.01 + 25 * 0.0004 at the longest finite range of 5 m; (1.96 s / 0.05)^2 = 30.7."""
-    method = mapper(pose_uncertain=PoseUncertainConfig(samples=500, accuracy=0.05))
+    chosen = PoseUncertainConfig(samples=500, accuracy=0.05)
     belief = PoseBelief(Pose2D(), np.diag([0.01, 0.005, 0.0004]))
-    assert method.samples_of(fan(2.0, 5.0, math.inf), belief).weights.size == 31
+    placed = PlacedScan(fan(2.0, 5.0, math.inf), belief)
+    assert pose_samples(placed, chosen, np.random.default_rng(1)).weights.size == 31
 
 
 @pytest.mark.jit

@@ -82,7 +82,7 @@ def test_whole_scans_equal_twin(fusion):
     placed = []
     for k in range(3):
         scan = fan(*rng.uniform(0.5, 14.0, 90), bearing=-2.0, increment=math.radians(3))
-        placed.append(PlacedScan.at(scan, Pose2D(0.1 + 1.73 * k, -0.3, 0.7 * k)))
+        placed.append((scan, Pose2D(0.1 + 1.73 * k, -0.3, 0.7 * k)))
     config = MapperConfig(fusion=fusion, resolution=0.25, step=STEP)
     naive = twin_of(config, placed)
     assert naive.margin > 1e-9
@@ -108,8 +108,8 @@ def test_the_order_of_scans_does_not_matter(fusion, seed):
     placed = room(seed, 8)
     there, back = mapper(fusion=fusion), mapper(fusion=fusion)
     for one, other in zip(placed, reversed(placed), strict=True):
-        there.update(one)
-        back.update(other)
+        there.update(PlacedScan(*one))
+        back.update(PlacedScan(*other))
     assert measured(there) == measured(back)
 
 
