@@ -154,4 +154,6 @@ def stream_choice(
         placing.max_pose_gap,
         'range' if config.method == 'sonar' else 'scan',
         placing.mount,
+        placing.max_speed,
+        placing.max_turn_rate,
     )

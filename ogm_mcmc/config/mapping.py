@@ -304,6 +304,20 @@ class PlacingConfig:
         high=3600.0,
         live=True,
     )
+    max_speed: float = setting(
+        10.0,
+        'poses that imply a faster robot are a jump: no scan between them is used, m/s',
+        low=0.01,
+        high=1e6,
+        live=True,
+    )
+    max_turn_rate: float = setting(
+        10.0,
+        'likewise for turning, rad/s',
+        low=0.01,
+        high=1e6,
+        live=True,
+    )
     mount: MountConfig = MountConfig()
 
     def __post_init__(self) -> None:

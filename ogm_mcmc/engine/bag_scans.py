@@ -19,6 +19,7 @@ from ogm_mcmc.engine.tf_poses import TfFrames, TfPoses, guess_frames
 from ogm_mcmc.engine.transform_tree import TransformTree
 from ogm_mcmc.errors import BagError, PoseError, ScanError
 from ogm_mcmc.geometry import PlacedScan, SensorMount
+from ogm_mcmc.geometry.motion import MAX_SPEED_M_S, MAX_TURN_RAD_S
 from ogm_mcmc.io import messages, ros_types
 from ogm_mcmc.io.bags import BagReader, BagTopic
 from ogm_mcmc.io.tf_messages import TF_TYPES, is_static, read_transforms
@@ -54,6 +55,8 @@ class StreamChoice:
     max_pose_gap_s: float = 2.0
     sensor: str = 'scan'
     mounts: MountConfig = MountConfig()  # noqa: RUF009 - frozen
+    max_speed_m_s: float = MAX_SPEED_M_S
+    max_turn_rad_s: float = MAX_TURN_RAD_S
 
 
 class StreamTopics(NamedTuple):
@@ -138,7 +141,11 @@ class PlacedScans:
 
     def __post_init__(self) -> None:
         """Read the transforms there are, and prepare an empty history or take poses from them."""
-        source: PoseSource = PoseHistory(max_gap_s=self.choice.max_pose_gap_s)
+        source: PoseSource = PoseHistory(
+            max_gap_s=self.choice.max_pose_gap_s,
+            max_speed_m_s=self.choice.max_speed_m_s,
+            max_turn_rad_s=self.choice.max_turn_rad_s,
+        )
         if self.topics.tf:
             self._tf = self._read_tf()
         if self.choice.pose_source == 'tf':
@@ -164,7 +171,13 @@ class PlacedScans:
         if frames is None and len(chain) < 2:
             return None
         where = frames or TfFrames('', chain[-1])
-        return TfPoses(tree, *where, max_gap_s=self.choice.max_pose_gap_s)
+        return TfPoses(
+            tree,
+            *where,
+            max_gap_s=self.choice.max_pose_gap_s,
+            max_speed_m_s=self.choice.max_speed_m_s,
+            max_turn_rad_s=self.choice.max_turn_rad_s,
+        )
 
     def __iter__(self) -> Iterator[PlacedScan]:
         """Yield placed scans in order of their stamps."""

@@ -68,7 +68,11 @@ class ScanIntake:
             assert self.tf is not None
             source: Any = self.tf
         else:
-            source = PoseHistory(max_gap_s=self.placing.max_pose_gap)
+            source = PoseHistory(
+                max_gap_s=self.placing.max_pose_gap,
+                max_speed_m_s=self.placing.max_speed,
+                max_turn_rad_s=self.placing.max_turn_rate,
+            )
         return ScanPlacer(
             source,
             timeout_s=settings.transform_timeout,
@@ -96,6 +100,8 @@ class ScanIntake:
         self.placer.timeout_s = settings.transform_timeout
         if isinstance(self.placer.source, PoseHistory):
             self.placer.source.max_gap_ns = round(placing.max_pose_gap * 1e9)
+            self.placer.source.max_speed_m_s = placing.max_speed
+            self.placer.source.max_turn_rad_s = placing.max_turn_rate
 
     def clear(self) -> None:
         """Forget the waiting scans and the poses, not the counts."""

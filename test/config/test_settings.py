@@ -11,6 +11,7 @@ from ogm_mcmc import config as config_module
 from ogm_mcmc.config import (
     MapperConfig,
     OutputConfig,
+    PlacingConfig,
     SamplerConfig,
     StepModelConfig,
     add_arguments,
@@ -22,6 +23,7 @@ from ogm_mcmc.config import (
     settings_of,
 )
 from ogm_mcmc.errors import ConfigError
+from ogm_mcmc.geometry.motion import MAX_SPEED_M_S, MAX_TURN_RAD_S
 
 LEAVES = {leaf.name: leaf for leaf in settings_of(MapperConfig)}
 
@@ -331,3 +333,8 @@ def test_file_of_several_nodes_as_ros_reads_it(tmp_path):
     assert read_parameter_file(path) == {'resolution': 0.2, 'prior': 0.4}
     assert read_parameter_file(path, 'amcl') == {'resolution': 0.5, 'prior': 0.4}
     assert read_parameter_file(path, 'planner') == {'resolution': 0.3, 'prior': 0.4}
+
+
+def test_the_limits_of_motion_are_those_of_the_code_that_applies_them():
+    placing = PlacingConfig()
+    assert (placing.max_speed, placing.max_turn_rate) == (MAX_SPEED_M_S, MAX_TURN_RAD_S)

@@ -268,6 +268,15 @@ def test_gap_between_poses(place, make_scan, make_pose, max_gap_s, kept):
     assert placer.dropped == ({'pose_gap': 2} if len(kept) == 3 else {})
 
 
+@pytest.mark.parametrize(('limits', 'kept'), [({}, 1), ({'max_speed_m_s': 60.0}, 2)])
+def test_no_scan_between_poses_that_jump(place, make_scan, make_pose, limits, kept):
+    records = [('/pose', k, make_pose(STAMPS[k], x=5.0 * (k > 0))) for k in range(3)]
+    records += [('/scan', 9, make_scan(STAMPS[k] + TENTH // 2)) for k in range(2)]
+    placed, placer = place(records, StreamChoice(**limits))
+    assert len(placed) == kept
+    assert placer.dropped == ({'pose_jump': 1} if kept == 1 else {})
+
+
 def test_poses_recorded_long_after_their_scans(place, make_scan, make_pose):
     """In a file nothing comes late: the stamps in the headers count."""
     records = [('/scan', stamp, make_scan(stamp)) for stamp in STAMPS]
