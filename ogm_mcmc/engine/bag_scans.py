@@ -220,7 +220,9 @@ class PlacedScans:
         self.placed += 1
         frame = taken.scan.frame_id
         self.frames.add(frame)
-        return PlacedScan.on_robot(*taken, self._mount(frame, taken.scan.stamp_ns))
+        return PlacedScan.on_robot(
+            taken.scan, taken.belief, self._mount(frame, taken.scan.stamp_ns)
+        )
 
     def _mount(self, frame: str, stamp_ns: int) -> SensorMount:
         by_parameters = self.choice.mounts != MountConfig()

@@ -17,6 +17,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from ogm_mcmc.config import MountConfig
+from ogm_mcmc.engine.recent import Recent
 from ogm_mcmc.errors import PoseError
 from ogm_mcmc.geometry import Pose2D, PoseBelief, PoseSamples, Scan, SensorMount, interpolate
 from ogm_mcmc.geometry.motion import MAX_SPEED_M_S, MAX_TURN_RAD_S, jumps
@@ -47,6 +48,8 @@ DROP_REASONS = {
     'queue_full': 'too many scans were waiting for a pose',
     'pose_unusable': 'the pose at its stamp is not level or not finite',
     'pose_unavailable': 'the pose source has no pose at its stamp',
+    'scan_no_mount': 'tf does not say where its sensor sits on the base',
+    'scan_bad_mount': 'its sensor is not level with the base',
     'scan_invalid': 'the message does not hold a scan',
     'pose_invalid': 'the message does not hold a pose',
 }
@@ -73,6 +76,14 @@ class PoseSource(Protocol):
 
     def clear(self) -> None:
         """Forget all poses."""
+        ...
+
+
+class MountSource(Protocol):
+    """Where sensors sit on the base."""
+
+    def at(self, frame: str, stamp_ns: int, now_s: float) -> SensorMount:
+        """Return the mount of a frame at a stamp; raises Waiting or Unplaceable."""
         ...
 
 
@@ -169,11 +180,12 @@ def _between(earlier: PoseBelief, later: PoseBelief, fraction: float) -> PoseBel
 class RobotScan(NamedTuple):
     """A scan as its sensor gave it, and the belief about the *robot's* pose at its stamp.
 
-    It becomes a `PlacedScan` where the mount of the sensor is known.
+    It becomes a `PlacedScan` where the mount of the sensor is known (None: not asked for).
     """
 
     scan: Scan
     belief: PoseBelief
+    mount: SensorMount | None = None
 
 
 class _Queued(NamedTuple):
@@ -185,8 +197,8 @@ class ScanPlacer:
     """Scans in, placed scans out, in the order they came (for one sensor, that of the stamps).
 
     `timeout_s` bounds how long a scan waits after it and the last new pose came in (ten times as
-    long in all), `max_waiting` how many wait at once. `on_drop(reason, scan or None)` is told of
-    everything dropped.
+    long in all), `max_waiting` how many wait at once. With `mounts` a scan waits for that of its
+    sensor as well. `on_drop(reason, scan or None)` is told of everything dropped.
     """
 
     def __init__(
@@ -195,16 +207,18 @@ class ScanPlacer:
         *,
         timeout_s: float = 1.0,
         max_waiting: int = 1000,
+        mounts: MountSource | None = None,
         on_drop: Callable[[str, Scan | None], None] | None = None,
     ) -> None:
         self.source = source
         self.timeout_s = timeout_s
         self.max_waiting = max_waiting
+        self.mounts = mounts
         self.on_drop = on_drop
         self.dropped: Counter[str] = Counter()
         self._waiting: deque[_Queued] = deque()
-        self._last_stamp_ns: dict[str, int] = {}
-        self._late: Counter[str] = Counter()  # by frame, in a row
+        self._last_stamp_ns: Recent[int] = Recent()
+        self._late: Recent[int] = Recent()  # by frame, in a row
         self._last_pose_s = -float('inf')
 
     def __len__(self) -> int:
@@ -221,8 +235,8 @@ class ScanPlacer:
         """Queue a scan; `now_s` is the time of arrival on any steady clock."""
         last = self._last_stamp_ns.get(scan.frame_id)
         if last is not None and scan.stamp_ns <= last:
-            self._late[scan.frame_id] += scan.stamp_ns < last
-            in_a_row = self._late[scan.frame_id]
+            in_a_row = self._late.get(scan.frame_id, 0) + (scan.stamp_ns < last)
+            self._late[scan.frame_id] = in_a_row
             if last - scan.stamp_ns <= RESTART_NS and in_a_row <= RESTART_AFTER:
                 self.drop('scan_out_of_order', scan)
                 return
@@ -283,6 +297,7 @@ class ScanPlacer:
             scan, arrived_s = self._waiting[0]
             try:
                 belief = self.source.at(scan.stamp_ns)
+                mount = self._mount(scan, now_s)
             except Waiting:
                 waited_s = now_s - arrived_s
                 since_pose_s = now_s - max(arrived_s, self._last_pose_s)
@@ -298,7 +313,12 @@ class ScanPlacer:
                 self.drop('pose_unusable', scan)
             else:
                 self._waiting.popleft()
-                yield RobotScan(scan, belief)
+                yield RobotScan(scan, belief, mount)
+
+    def _mount(self, scan: Scan, now_s: float) -> SensorMount | None:
+        if self.mounts is None:
+            return None
+        return self.mounts.at(scan.frame_id, scan.stamp_ns, now_s)
 
 
 def sensor_mount(config: MountConfig, frame_id: str = '') -> SensorMount:

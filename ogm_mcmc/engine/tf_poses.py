@@ -77,15 +77,27 @@ class TfPoses:
         Raises PoseError for a sensor that is not level with the base.
         """
         try:
-            mount = self.tree.lookup(
-                self.base_frame, sensor_frame, stamp_ns, max_gap_ns=self.max_gap_ns
-            )
+            return self.mount_at(sensor_frame, stamp_ns)
         except TransformError:
             return None
+
+    def mount_at(self, sensor_frame: str, stamp_ns: int) -> SensorMount:
+        """Return where a sensor sits on the base at a stamp.
+
+        Raises TransformError where tf does not say, and PoseError for a sensor that is not level
+        with the base.
+        """
+        mount = self.tree.lookup(
+            self.base_frame, sensor_frame, stamp_ns, max_gap_ns=self.max_gap_ns
+        )
         try:
             return SensorMount(*mount.planar())
         except PoseError as error:
             raise PoseError(f'{sensor_frame} on {self.base_frame}: {error}') from error
+
+    def mount_moves(self, sensor_frame: str) -> bool:
+        """Return whether a sensor moves on the base (or might: it is sent again and again)."""
+        return self.tree.moves(self.base_frame, sensor_frame)
 
     def _wait_for(self, target: str, source: str, stamp_ns: int) -> None:
         newest_ns = self.tree.newest_common_ns(target, source)

@@ -200,6 +200,10 @@ class TransformTree:
             return None
         return [np.array(history.stamps, np.int64) for history in moving]
 
+    def moves(self, target: str, source: str) -> bool:
+        """Return whether anything between two frames moves (or might: it is sent repeatedly)."""
+        return bool(self._moving(target, source))
+
     def _moving(self, target: str, source: str) -> list[FrameHistory] | None:
         up, down = self.ancestors(source), self.ancestors(target)
         shared = next((frame for frame in up if frame in down), None)

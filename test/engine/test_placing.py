@@ -1,4 +1,5 @@
 import math
+import tracemalloc
 from bisect import bisect_left, bisect_right
 from dataclasses import replace
 
@@ -9,7 +10,7 @@ from hypothesis import strategies as st
 from support.strategies import REPEATABLE, fan, stamps_ns
 
 from ogm_mcmc.engine.placing import DROP_REASONS, PoseHistory, ScanPlacer, Unplaceable, Waiting
-from ogm_mcmc.geometry import Pose2D, PoseBelief, PoseSamples, Scan, interpolate
+from ogm_mcmc.geometry import Pose2D, PoseBelief, PoseSamples, Scan, SensorMount, interpolate
 
 approx = pytest.approx
 
@@ -229,6 +230,45 @@ def test_without_limits_nothing_is_a_jump():
     assert history.at(1).mean.x_m == 500.0
 
 
+def test_frames_that_somebody_makes_up_do_not_fill_the_memory():
+    placer, _ = placer_with((0.0, belief()), (2.0, belief()))
+
+    def take(numbers):
+        for k in numbers:
+            placer.add_scan(scan(1.0, f'laser_{k}'))
+            list(placer.placed())
+
+    take(range(1500))
+    tracemalloc.start()
+    take(range(1500, 3500))
+    grown, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert grown < 300_000  # a thousand names and numbers replaced; all kept are 600 000
+
+
+def test_a_scan_waits_for_the_mount_of_its_sensor():
+    class Mounts:
+        known = None
+
+        def at(self, frame, stamp_ns, now_s):
+            if self.known is None:
+                raise Waiting
+            if frame == 'nowhere':
+                raise Unplaceable('scan_no_mount')
+            return self.known
+
+    mounts = Mounts()
+    placer, dropped = placer_with((0.0, belief()), (2.0, belief()), mounts=mounts)
+    placer.add_scan(scan(1.0))
+    assert list(placer.placed()) == []
+    mounts.known = SensorMount(Pose2D(0.3))
+    (placement,) = placer.placed()
+    assert placement.mount is mounts.known
+    placer.add_scan(scan(1.0, 'nowhere'))
+    assert list(placer.placed()) == []
+    assert [reason for reason, _ in dropped] == ['scan_no_mount']
+
+
 def test_poses_that_jump_back_restart_the_history():
     placer, dropped = placer_with((10.0, belief(10.0)), (11.0, belief(11.0)))
     placer.add_pose(round(9.9 * S), belief(-1.0))
@@ -259,7 +299,7 @@ def test_a_scan_from_before_a_restart_never_meets_a_pose_from_after_it():
         placer.add_pose(k * S // 10, belief(5000.0))
         if k % 2:
             placer.add_scan(scan(0.1 * k))
-        assert all(found is not of_before for found, _ in placer.placed())
+        assert all(found.scan is not of_before for found in placer.placed())
 
 
 def test_mapping_goes_on_soon_after_a_restart():
