@@ -163,7 +163,7 @@ class ScanIntake:
         """Use every waiting scan whose pose is known; drop those that waited too long."""
         if self.paused:
             return
-        for scan, robot in self.placer.placed(time.monotonic()):
+        for scan, robot, _ in self.placer.placed(time.monotonic()):
             mount = self.mount_of(scan)
             if mount is None:
                 self.warn('scan_no_mount', f'tf does not know {scan.frame_id!r} on the base yet')

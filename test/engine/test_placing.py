@@ -395,7 +395,7 @@ def test_whatever_the_order_of_arrival_no_scan_is_misplaced(arrivals, max_gap_s)
     placer, dropped = placer_with(max_gap_s=max_gap_s)
     scans, poses, placed = feed(placer, arrivals)
     stamps = [stamp for stamp, _ in poses]
-    for found, where in placed:
+    for found, where, _ in placed:
         before = bisect_right(stamps, found.stamp_ns) - 1
         after = bisect_left(stamps, found.stamp_ns)
         assert before >= 0
