@@ -21,7 +21,7 @@ import numpy as np
 from ogm_mcmc.config import MapperConfig, flatten
 from ogm_mcmc.errors import require
 from ogm_mcmc.geometry import CellBox, GridMap, PlacedScan, Pose2D, PoseBelief, Scan
-from ogm_mcmc.mapping import live_settings, make_method
+from ogm_mcmc.mapping import Extras, extras_of, live_settings, make_method
 
 __all__ = ['MappingPipeline', 'warm_up']
 
@@ -72,6 +72,10 @@ class MappingPipeline:
         """Return the whole map, cropped to the measured cells."""
         spec = self.method.spec
         return GridMap(spec, self.method.probabilities(spec.box)).cropped()
+
+    def extras(self, box: CellBox) -> Extras:
+        """Return what the method saves beside the probabilities of the cells of a box."""
+        return extras_of(self.config.method, self.method, box)
 
 
 def warm_up(config: MapperConfig) -> int:

@@ -21,12 +21,10 @@ from ogm_mcmc.cli.options import (
 )
 from ogm_mcmc.config import MapperConfig, OutputConfig, PlacingConfig, flatten
 from ogm_mcmc.engine.bag_scans import PlacedScans, choose_topics
-from ogm_mcmc.files.output_files import checked_name, makeable_folder, replacing_set
-from ogm_mcmc.geometry import GridMap
+from ogm_mcmc.engine.saved_map import MapToSave, replacing_map
+from ogm_mcmc.files.output_files import checked_name, makeable_folder
 from ogm_mcmc.io.bags import BagReader
-from ogm_mcmc.io.map_files import save_npz, write_map
-from ogm_mcmc.io.tree_files import save_tree
-from ogm_mcmc.mapping import AdaptiveMapper, MappingMethod, RandomFieldMapper
+from ogm_mcmc.io.map_files import save_npz, table_file
 from ogm_mcmc.pipeline import MappingPipeline
 
 __all__ = ['add_to']
@@ -69,9 +67,11 @@ def run(options: argparse.Namespace) -> int:
     mounted = {*placing.mount.named(), *scans.mounted_by_tf}
     unmounted = sorted(frames - mounted) if len(frames) > 1 else []
     settings = {**flatten(config), **flatten(output), **flatten(placing)}
-    grid_map = pipeline.map()
-    kinds = ('npz', 'json', 'png', 'pgm', 'yaml')
-    paths = {kind: options.folder / f'{options.name}.{kind}' for kind in kinds}
+    saved = MapToSave(pipeline)
+    spec = saved.grid_map.spec
+    files = {kind: f'{options.name}.{kind}' for kind in ('npz', 'png', 'pgm', 'yaml')} | {
+        table: table_file(options.name, table) for table in saved.extras.tables
+    }
     result: dict[str, Any] = {
         'bag': str(options.bag),
         'scan_topic': ','.join(topic.name for topic in topics.scans),
@@ -84,44 +84,21 @@ def run(options: argparse.Namespace) -> int:
             frame: [mount.pose.x_m, mount.pose.y_m, mount.pose.yaw_rad, mount.upside_down]
             for frame, mount in scans.mounted_by_tf.items()
         },
-        'width': grid_map.spec.width,
-        'height': grid_map.spec.height,
-        'origin': [grid_map.spec.origin_x_m, grid_map.spec.origin_y_m],
+        'width': spec.width,
+        'height': spec.height,
+        'origin': [spec.origin_x_m, spec.origin_y_m],
         'seconds': round(time.perf_counter() - started, 3),
-        'files': {kind: str(path) for kind, path in paths.items() if kind != 'json'},
+        'files': {kind: str(options.folder / file) for kind, file in files.items()},
         'settings': settings,
+        **saved.extras.statistics,
     }
-    if isinstance(pipeline.method, AdaptiveMapper):
-        result['tree'] = pipeline.method.statistics()._asdict()
-        paths['tree'] = options.folder / f'{options.name}_tree.npz'
-        result['files']['tree'] = str(paths['tree'])
-    _write(grid_map, output, settings, result, paths, pipeline.method)
-    print_result(options, result, _text(result))
+    with replacing_map(saved, options.folder, options.name, output) as scratch:
+        save_npz(saved.grid_map, scratch / files['npz'], settings, saved.extras.layers)
+        text = json.dumps(result, indent=2) + '\n'
+        (scratch / f'{options.name}.json').write_text(text, encoding='utf-8')
+    said = saved.extras.summary
+    print_result(options, result, _text(result) + (f'; {said}' if said else ''))
     return 0
-
-
-def _write(
-    grid_map: GridMap,
-    output: OutputConfig,
-    settings: dict[str, Any],
-    result: dict[str, Any],
-    paths: dict[str, Path],
-    method: MappingMethod,
-) -> None:
-    """Write all files of a map; an old set is replaced as a whole."""
-    folder, name = paths['yaml'].parent, paths['yaml'].stem
-    of_another = () if 'tree' in paths else (f'{name}_tree.npz',)
-    with replacing_set(folder, name, of_another) as scratch:
-        write_map(grid_map, scratch, output, name)
-        layers = {}
-        if isinstance(method, RandomFieldMapper):
-            layers['variance'] = method.variance(grid_map.spec.box)
-        save_npz(grid_map, scratch / f'{name}.npz', settings, layers)
-        if isinstance(method, AdaptiveMapper):
-            save_tree(method, scratch / paths['tree'].name)
-        (scratch / f'{name}.json').write_text(
-            json.dumps(result, indent=2) + '\n', encoding='utf-8'
-        )
 
 
 def _text(result: dict[str, Any]) -> str:
@@ -135,7 +112,6 @@ def _text(result: dict[str, Any]) -> str:
         + (f'; dropped: {dropped}' if dropped else '')
         + _unmounted_text(result['frames_without_mount'])
         + _mounts_text(result['mounts_from_tf'])
-        + (_tree_text(result['tree']) if 'tree' in result else '')
     )
 
 
@@ -152,11 +128,4 @@ def _mounts_text(mounts: dict[str, list[Any]]) -> str:
         + (', upside down' if turned else '')
         + ' (from tf)'
         for frame, (x, y, yaw, turned) in mounts.items()
-    )
-
-
-def _tree_text(tree: dict[str, Any]) -> str:
-    return (
-        f'; {tree["leaves"]} leaves for {tree["measured_cells"]} cells, '
-        f'{tree["n_bytes"] / 1e6:.2f} MB (a regular grid: {tree["regular_bytes"] / 1e6:.2f} MB)'
     )

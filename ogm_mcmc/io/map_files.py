@@ -39,8 +39,10 @@ __all__ = [
     'load_npz',
     'save_map',
     'save_npz',
+    'table_file',
     'trinary_pixels',
     'write_map',
+    'write_tables',
 ]
 
 OCCUPIED, UNKNOWN, FREE = 0, 205, 254
@@ -127,6 +129,22 @@ def save_npz(
     with replacing(path) as temporary, temporary.open('wb') as stream:
         np.savez_compressed(stream, **arrays)
     return path
+
+
+def table_file(name: str, table: str) -> str:
+    """Return the file name of a table (`mapping.Extras`) that belongs to the map `name`."""
+    return f'{name}_{table}.npz'
+
+
+def write_tables(
+    tables: Mapping[str, Mapping[str, AnyArray]], settings: dict[str, Any], folder: Path, name: str
+) -> None:
+    """Write each table as an NPZ of its arrays and of the settings, as YAML, that made them."""
+    text = np.array(yaml.safe_dump(settings, sort_keys=False))
+    for table, arrays in tables.items():
+        columns: dict[str, Any] = dict(arrays)
+        with (folder / table_file(name, table)).open('wb') as stream:
+            np.savez_compressed(stream, **columns, settings=text)
 
 
 def load_grid(path: Path, most_cells: int = MOST_CELLS) -> GridMap:

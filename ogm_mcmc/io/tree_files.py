@@ -1,8 +1,9 @@
-"""Adaptive maps on disk: every leaf, and the settings that made it, as NPZ.
+"""Read adaptive maps from disk: every leaf, and the settings that made it, as NPZ.
 
 Arrays `level`, `column`, `row` (lower left cell on the lattice of `resolution`), `log_odds`
 (nats, nan where never measured), `hits`, `misses`, one entry per leaf; `settings` as YAML text,
-with dotted names. No matter how the tree was stored in memory, this is what it says.
+with dotted names. How the tree was stored in memory leaves no trace. `io.map_files.write_tables`
+writes it.
 """
 
 from __future__ import annotations
@@ -10,17 +11,15 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import yaml
 
-from ogm_mcmc.config import MapperConfig, build, flatten
+from ogm_mcmc.config import MapperConfig, build
 from ogm_mcmc.errors import ConfigError, GridError, MapFileError
 from ogm_mcmc.files.npz_files import TEXT, Field, npz_file
-from ogm_mcmc.files.output_files import replacing
 from ogm_mcmc.files.yaml_files import parse_yaml
 from ogm_mcmc.mapping.adaptive import AdaptiveMapper
 from ogm_mcmc.mapping.quadtree_arrays import Leaves
 
-__all__ = ['load_tree', 'save_tree']
+__all__ = ['load_tree']
 
 TYPES = {
     'level': np.dtype(np.uint8),
@@ -33,14 +32,6 @@ TYPES = {
 
 ANY_LENGTH = Field('fiu', (None,))
 FURTHEST = 2.0**53
-
-
-def save_tree(method: AdaptiveMapper, path: Path) -> Path:
-    """Write the tree; raises OutputError, and nothing half-written is left."""
-    settings = yaml.safe_dump(flatten(method.config), sort_keys=False)
-    with replacing(path) as temporary, temporary.open('wb') as stream:
-        np.savez_compressed(stream, **method.tree.leaves()._asdict(), settings=np.array(settings))
-    return path
 
 
 def load_tree(path: Path) -> AdaptiveMapper:

@@ -117,8 +117,16 @@ the end of a long log; for a live map every change would mean a solve of the who
 
 from ogm_mcmc.mapping.adaptive import AdaptiveMapper
 from ogm_mcmc.mapping.counting import CountingMapper
+from ogm_mcmc.mapping.extras import Extras
 from ogm_mcmc.mapping.log_odds_grid import LogOddsGrid
-from ogm_mcmc.mapping.method import METHODS, MappingMethod, live_settings, make_method
+from ogm_mcmc.mapping.method import (
+    METHODS,
+    MappingMethod,
+    all_tables,
+    extras_of,
+    live_settings,
+    make_method,
+)
 from ogm_mcmc.mapping.pose_uncertain import PoseUncertainMapper
 from ogm_mcmc.mapping.random_field import RandomFieldMapper
 from ogm_mcmc.mapping.sonar import SonarMapper
@@ -128,12 +136,15 @@ __all__ = [
     'METHODS',
     'AdaptiveMapper',
     'CountingMapper',
+    'Extras',
     'LogOddsGrid',
     'MappingMethod',
     'PoseUncertainMapper',
     'RandomFieldMapper',
     'SonarMapper',
     'TwoAssumptionMapper',
+    'all_tables',
+    'extras_of',
     'live_settings',
     'make_method',
 ]

@@ -12,6 +12,7 @@ from ogm_mcmc.config import MapperConfig
 from ogm_mcmc.errors import require
 from ogm_mcmc.geometry import CellBox, GridSpec, PlacedScan, PoseSamples
 from ogm_mcmc.geometry.rays import SampledRays, cast_sampled_rays, usable_range
+from ogm_mcmc.mapping.extras import Extras
 from ogm_mcmc.mapping.pose_samples import pose_samples
 from ogm_mcmc.mapping.quadtree import Quadtree, TreeStatistics
 from ogm_mcmc.mapping.quadtree_arrays import PlacedBeams, Trail
@@ -270,6 +271,16 @@ class AdaptiveMapper:
     def statistics(self) -> TreeStatistics:
         """Leaves and bytes, beside those of a regular grid."""
         return self.tree.statistics()
+
+    def extras(self, box: CellBox) -> Extras:
+        """All leaves of the tree, and what they take; `box` is of no concern."""
+        found = self.statistics()
+        return Extras(
+            tables={'tree': self.tree.leaves()._asdict()},
+            statistics={'tree': found._asdict()},
+            summary=f'{found.leaves} leaves for {found.measured_cells} cells, '
+            f'{found.n_bytes / 1e6:.2f} MB (a regular grid: {found.regular_bytes / 1e6:.2f} MB)',
+        )
 
     def reset(self) -> None:
         """Forget every scan, and give the memory back."""

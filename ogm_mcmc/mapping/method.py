@@ -1,26 +1,36 @@
 """What every mapping method offers, and the registration of each by name.
 
 To add a method, write its module, give it settings of its own in `ogm_mcmc.config` (with
-`live=True` where a change may take effect while it maps), and register it in `METHODS`. Choices of
-the parameter `method`, live parameters and the documentation follow from that.
+`live=True` where a change may take effect while it maps), and register it in `METHODS`, with what
+it saves beside the map. Choices of the parameter `method`, live parameters, files and the
+documentation follow from that.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from ogm_mcmc.arrays import Float32Array
 from ogm_mcmc.config import MapperConfig, settings_of
 from ogm_mcmc.geometry import CellBox, GridSpec, PlacedScan
 from ogm_mcmc.mapping.adaptive import AdaptiveMapper
 from ogm_mcmc.mapping.counting import CountingMapper
+from ogm_mcmc.mapping.extras import Extras
 from ogm_mcmc.mapping.pose_uncertain import PoseUncertainMapper
 from ogm_mcmc.mapping.random_field import RandomFieldMapper
 from ogm_mcmc.mapping.sonar import SonarMapper
 from ogm_mcmc.mapping.two_assumption import TwoAssumptionMapper
 
-__all__ = ['METHODS', 'MappingMethod', 'Registration', 'live_settings', 'make_method']
+__all__ = [
+    'METHODS',
+    'MappingMethod',
+    'Registration',
+    'all_tables',
+    'extras_of',
+    'live_settings',
+    'make_method',
+]
 
 
 class MappingMethod(Protocol):
@@ -59,14 +69,23 @@ class MappingMethod(Protocol):
         ...
 
 
-class Registration(NamedTuple):
-    """How a method is made, and which settings beside `COMMON` it looks at.
+def no_extras(method: Any, box: CellBox) -> Extras:
+    """Return nothing: the method has its probabilities and no more."""
+    return Extras()
 
-    `uses` holds names of fields of MapperConfig; a nested class stands for all of its settings.
+
+class Registration(NamedTuple):
+    """How a method is made, which settings it uses, and what it saves.
+
+    uses    fields of MapperConfig beside `COMMON`; a nested class stands for all of its settings
+    extras  called with the method and the cells that are saved: what it saves beyond the map
+    tables  names of the tables in its extras
     """
 
     make: Callable[[MapperConfig], MappingMethod]
     uses: frozenset[str]
+    extras: Callable[[Any, CellBox], Extras] = no_extras
+    tables: tuple[str, ...] = ()
 
 
 COMMON = frozenset({'method', 'resolution', 'max_cells', 'max_range', 'no_return'})
@@ -78,10 +97,15 @@ METHODS: dict[str, Registration] = {
     'two_assumption': Registration(TwoAssumptionMapper, BEAMS),
     'pose_uncertain': Registration(PoseUncertainMapper, BEAMS | {'pose_uncertain'}),
     'adaptive': Registration(
-        AdaptiveMapper, LOG_ODDS | {'fusion', 'step', 'pose_uncertain', 'adaptive'}
+        AdaptiveMapper,
+        LOG_ODDS | {'fusion', 'step', 'pose_uncertain', 'adaptive'},
+        AdaptiveMapper.extras,
+        tables=('tree',),
     ),
     'counting': Registration(CountingMapper, frozenset({'fusion', 'counting'})),
-    'random_field': Registration(RandomFieldMapper, BEAMS | {'random_field'}),
+    'random_field': Registration(
+        RandomFieldMapper, BEAMS | {'random_field'}, RandomFieldMapper.extras
+    ),
     'sonar': Registration(SonarMapper, LOG_ODDS | {'sonar'}),
 }
 
@@ -89,6 +113,16 @@ METHODS: dict[str, Registration] = {
 def make_method(config: MapperConfig) -> MappingMethod:
     """Make the method a configuration names."""
     return METHODS[config.method].make(config)
+
+
+def extras_of(name: str, method: MappingMethod, box: CellBox) -> Extras:
+    """Return what a method of this name saves beside the probabilities of the cells of a box."""
+    return METHODS[name].extras(method, box)
+
+
+def all_tables() -> frozenset[str]:
+    """Return the names of the tables of all methods."""
+    return frozenset(table for one in METHODS.values() for table in one.tables)
 
 
 def live_settings(method: str) -> frozenset[str]:

@@ -10,6 +10,7 @@ from ogm_mcmc.arrays import Float32Array, Float64Array
 from ogm_mcmc.config import MapperConfig
 from ogm_mcmc.errors import GridError
 from ogm_mcmc.geometry import CellBox, GridSpec, PlacedScan
+from ogm_mcmc.mapping.extras import Extras
 from ogm_mcmc.mapping.gaussian_field import GaussianField, stencil_radius
 from ogm_mcmc.mapping.two_assumption import TwoAssumptionMapper
 
@@ -114,6 +115,10 @@ class RandomFieldMapper:
     def variance(self, box: CellBox) -> Float64Array:
         """Variance of the log-odds, where 1 is that of a cell far from anything measured."""
         return self._refresh().variance(*self._slices(box))
+
+    def extras(self, box: CellBox) -> Extras:
+        """Return the variance of every cell."""
+        return Extras(layers={'variance': self.variance(box)})
 
     def probabilities(self, box: CellBox) -> Float32Array:
         """Probability of being occupied; nan where neither measured nor predicted."""

@@ -19,13 +19,11 @@ from ogm_mcmc.config.nodes import (
     IntakeConfig,
     OnlineMapperConfig,
 )
+from ogm_mcmc.engine.saved_map import MapToSave, replacing_map
 from ogm_mcmc.errors import OgmError
-from ogm_mcmc.files.output_files import replacing_set
 from ogm_mcmc.files.user_paths import user_path
 from ogm_mcmc.geometry import PlacedScan
-from ogm_mcmc.io.map_files import write_map
-from ogm_mcmc.io.tree_files import save_tree
-from ogm_mcmc.mapping import AdaptiveMapper, live_settings
+from ogm_mcmc.mapping import live_settings
 from ogm_mcmc.pipeline import MappingPipeline, warm_up
 from ogm_mcmc.ros.diagnostics import DIAGNOSTICS_S, Diagnostics
 from ogm_mcmc.ros.grid_publisher import GridPublisher
@@ -162,17 +160,15 @@ class OnlineMapper(Node):
         return response
 
     def on_save_map(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Save the map as PGM, YAML and PNG, a tree beside; scans wait in the queue meanwhile."""
+        """Save the map and what its method saves beside it; scans wait in the queue meanwhile."""
         if self.pipeline.scans_used == 0:
             response.success, response.message = False, 'no scan was mapped yet: nothing to save'
             return response
         name = self.settings.save_name
         try:
             folder = user_path(self.settings.save_directory, 'save_directory')
-            with replacing_set(folder, name) as scratch:
-                write_map(self.pipeline.map(), scratch, self.output, name)
-                if isinstance(self.pipeline.method, AdaptiveMapper):
-                    save_tree(self.pipeline.method, scratch / f'{name}_tree.npz')
+            with replacing_map(MapToSave(self.pipeline), folder, name, self.output):
+                pass
         except OgmError as error:
             response.success, response.message = False, str(error)
         else:

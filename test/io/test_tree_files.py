@@ -5,16 +5,22 @@ import pytest
 from hypothesis import given, settings
 from support.strategies import REPEATABLE, fan, poses, scans
 
-from ogm_mcmc.config import AdaptiveConfig, MapperConfig
+from ogm_mcmc.config import AdaptiveConfig, MapperConfig, flatten
 from ogm_mcmc.errors import MapFileError
 from ogm_mcmc.geometry import PlacedScan, Pose2D
-from ogm_mcmc.io.tree_files import load_tree, save_tree
+from ogm_mcmc.io.map_files import write_tables
+from ogm_mcmc.io.tree_files import load_tree
 from ogm_mcmc.mapping import AdaptiveMapper
 
 
 def mapper(**tree):
     config = MapperConfig(method='adaptive', resolution=0.1, adaptive=AdaptiveConfig(**tree))
     return AdaptiveMapper(config)
+
+
+def save_tree(method, folder):
+    write_tables(method.extras(method.spec.box).tables, flatten(method.config), folder, 'a')
+    return folder / 'a_tree.npz'
 
 
 def sorted_leaves(method):
@@ -33,7 +39,7 @@ def alike(one, other):
 def test_round_trip_and_on(tmp_path_factory, scan, sensor, more):
     method = mapper()
     method.update(PlacedScan.at(scan, sensor))
-    path = save_tree(method, tmp_path_factory.mktemp('tree') / 'tree.npz')
+    path = save_tree(method, tmp_path_factory.mktemp('tree'))
     loaded = load_tree(path)
     assert loaded.config == method.config
     assert alike(loaded, method)
@@ -47,18 +53,18 @@ def test_levels_of_all_kinds_come_back(tmp_path):
     for _ in range(5):
         method.update(PlacedScan.at(fan(7.0, 3.0, 5.0, increment=0.4), Pose2D(0.31, 0.27)))
     assert np.count_nonzero(method.statistics().leaves_by_level) >= 5
-    assert alike(load_tree(save_tree(method, tmp_path / 'a.npz')), method)
+    assert alike(load_tree(save_tree(method, tmp_path)), method)
 
 
 def test_an_empty_map_comes_back(tmp_path):
-    assert load_tree(save_tree(mapper(), tmp_path / 'a.npz')).statistics().leaves == 0
+    assert load_tree(save_tree(mapper(), tmp_path)).statistics().leaves == 0
 
 
 @pytest.fixture
 def saved(tmp_path):
     method = mapper(coarsest_level=2)
     method.update(PlacedScan.at(fan(1.0), Pose2D(0.05, 0.05)))
-    path = save_tree(method, tmp_path / 'tree.npz')
+    path = save_tree(method, tmp_path)
     with np.load(path) as data:
         return path, dict(data)
 

@@ -11,7 +11,7 @@ from support.strategies import REPEATABLE, fan, poses, scans
 
 from ogm_mcmc.config import MapperConfig, settings_of
 from ogm_mcmc.geometry import CellBox, PlacedScan, Pose2D, PoseBelief, PoseSamples
-from ogm_mcmc.mapping import METHODS, make_method
+from ogm_mcmc.mapping import METHODS, all_tables, extras_of, make_method
 
 # Methods that take either inverse model.
 BEAM_MODELS = ('two_assumption', 'pose_uncertain', 'random_field')
@@ -129,3 +129,16 @@ def test_every_kind_of_belief_is_accepted(config):
     ):
         method = make_method(config)
         assert not method.update(PlacedScan(fan(2.0), belief)).empty
+
+
+@every_method
+def test_what_a_method_saves_beside_its_map_is_registered(config):
+    method = make_method(config)
+    method.update(PlacedScan.at(fan(2.0), Pose2D(0.05, 0.05)))
+    box = CellBox(2, 0, 21, 1)
+    extras = extras_of(config.method, method, box)
+    assert set(extras.tables) == set(METHODS[config.method].tables) == set(extras.statistics)
+    assert bool(extras.summary) == bool(extras.statistics)
+    for layer in extras.layers.values():
+        assert layer.shape == (1, 19)
+    assert all_tables() == {'tree'}
