@@ -26,10 +26,11 @@ from ogm_mcmc.cli.options import (
     print_result,
 )
 from ogm_mcmc.cli.sample_files import SampledMaps, write_all
-from ogm_mcmc.cli.sampling_bar import interruptible, sample
+from ogm_mcmc.cli.sampling_bar import interruptible, refine_poses, sample
 from ogm_mcmc.config import (
     OutputConfig,
     PlacingConfig,
+    PosesConfig,
     RecordingConfig,
     SamplerConfig,
     StopConfig,
@@ -38,6 +39,7 @@ from ogm_mcmc.config import (
 )
 from ogm_mcmc.config.nodes import REFINE_CONFIGS
 from ogm_mcmc.engine.bag_scans import BagScans
+from ogm_mcmc.engine.joint_poses import PoseRefinement
 from ogm_mcmc.engine.refinement import Progress, Recording, Refinement, warm_up
 from ogm_mcmc.errors import ConfigError, OutputError
 from ogm_mcmc.files.output_files import checked_name, makeable_folder, writable_folder
@@ -47,7 +49,14 @@ from ogm_mcmc.lab.cluster import connected, distribute
 
 __all__ = ['add_to']
 
-CONFIGS = (SamplerConfig, StopConfig, RecordingConfig, OutputConfig, PlacingConfig)
+CONFIGS = (
+    SamplerConfig,
+    StopConfig,
+    PosesConfig,
+    RecordingConfig,
+    OutputConfig,
+    PlacingConfig,
+)
 
 RANGES = {'samples': Range(0), 'thin': Range(1), 'margin': Range(0, 0.5, below=True)}
 
@@ -134,6 +143,12 @@ def _run(
         recording.add(placed)
     refinement = Refinement(chosen.sampler)
     scans = recording.snapshot()
+    poses: PoseRefinement | None = None
+    if chosen.poses.joint:
+        poses = PoseRefinement(scans, chosen.poses.trajectory)
+        with interruptible() as interrupted:
+            refine_poses(poses, interrupted)
+        scans = poses.placed()
     refinement.take(scans, start)
     resumed = 0
     if options.state is not None and options.state.exists():
@@ -155,7 +170,10 @@ def _run(
         writable_folder(options.state.parent)
         refinement.save(options.state)
         result['state'] = str(options.state)
-    sampled = SampledMaps(refinement, maps, options.margin, options.thin)
+    if poses is not None:
+        result['trajectory'] = poses.figures()
+    trajectory = None if poses is None else poses.trajectory()
+    sampled = SampledMaps(refinement, maps, options.margin, options.thin, trajectory)
     result['files'] = write_all(sampled, chosen.output, result, options.folder, options.name)
     print_result(options, result, _text(result))
     return 0
@@ -169,6 +187,7 @@ class _Chosen(NamedTuple):
     recording: RecordingConfig
     output: OutputConfig
     placing: PlacingConfig
+    poses: PosesConfig
 
 
 def _chosen(options: argparse.Namespace) -> _Chosen:
@@ -180,6 +199,7 @@ def _chosen(options: argparse.Namespace) -> _Chosen:
         read(RecordingConfig),
         read(OutputConfig),
         read(PlacingConfig),
+        read(PosesConfig),
     )
 
 
@@ -276,10 +296,16 @@ def _text(result: dict[str, Any]) -> str:
     share = result['agreeing_share']
     agreeing = '' if share is None else f', {100.0 * share:.1f} % agree'
     dropped = ', '.join(f'{count} {reason}' for reason, count in result['dropped'].items())
+    moved = ''
+    if 'trajectory' in result:
+        of = result['trajectory']
+        moved = f'; poses moved {100.0 * of["moved_m"]:.1f} cm, {of["moved_deg"]:.2f} degrees'
+        if 'deviation_m' in of:
+            moved += f', now sure to {100.0 * of["deviation_m"]:.1f} cm'
     early = '' if result['counted'] else ' before the end of the burn-in: no posterior mean yet'
     return (
         f'{result["scans_used"]} of {result["scans"]} scans, {result["rays"]} rays -> '
         f'{result["files"]["yaml"]}: {result["cells"]} cells, {result["counted"]} sweeps counted '
         f'of each chain, {result["sweeps_per_s"]:.1f}/s, R-hat {r_hat} (99 %){agreeing}; '
-        f'stopped: {result["reason"]}{early}' + (f'; dropped: {dropped}' if dropped else '')
+        f'stopped: {result["reason"]}{early}{moved}' + (f'; dropped: {dropped}' if dropped else '')
     )

@@ -10,24 +10,30 @@ import numpy as np
 
 from ogm_mcmc.arrays import Float32Array, UInt8Array
 from ogm_mcmc.config import OutputConfig
+from ogm_mcmc.engine.joint_poses import RefinedTrajectory
 from ogm_mcmc.engine.refinement import Refinement, hide_uncertain
 from ogm_mcmc.files.output_files import replacing_set
 from ogm_mcmc.geometry import CellBox, GridMap, GridSpec
 from ogm_mcmc.geometry.grid_map import entropy_bits
 from ogm_mcmc.io.map_files import save_npz, write_map
 from ogm_mcmc.io.sample_files import MapSamples, save_samples
+from ogm_mcmc.io.tum_files import deviations_file, write_beliefs
 from ogm_mcmc.plotting import heat_png
 
 __all__ = ['SampledMaps', 'write_all']
 
 
 class SampledMaps(NamedTuple):
-    """A posterior that was sampled, maps drawn from it (packed bits), and how to show it."""
+    """A posterior that was sampled, maps drawn from it (packed bits), and how to show it.
+
+    `trajectory` are the poses it was sampled at, where they were estimated.
+    """
 
     refinement: Refinement
     maps: list[UInt8Array]
     margin: float
     thin: int
+    trajectory: RefinedTrajectory | None = None
 
 
 def write_all(
@@ -48,6 +54,13 @@ def write_all(
     paths['entropy'] = folder / f'{name}_entropy.png'
     if sampled.maps:
         paths['samples'] = folder / f'{name}_samples.npz'
+    trajectory = folder / f'{name}_trajectory.txt'
+    of_poses = {'trajectory': trajectory, 'deviations': deviations_file(trajectory)}
+    if sampled.trajectory is not None:
+        paths['trajectory'] = trajectory
+        if sampled.trajectory.beliefs[0].covariance is not None:
+            paths['deviations'] = of_poses['deviations']
+    gone = [path.name for kind, path in of_poses.items() if kind not in paths]
     files = {kind: str(path) for kind, path in paths.items()}
     shape = {
         'width': mean.spec.width,
@@ -55,7 +68,7 @@ def write_all(
         'origin': [mean.spec.origin_x_m, mean.spec.origin_y_m],
     }
     result.update(shape)
-    with replacing_set(folder, name) as scratch:
+    with replacing_set(folder, name, gone) as scratch:
         layers = _layers(refinement, mean.spec.box)
         shown = hide_uncertain(
             _on(mean.spec, refinement.known_map()),
@@ -70,6 +83,9 @@ def write_all(
         if sampled.maps:
             maps = _unpacked(sampled, mean)
             save_samples(maps, scratch / paths['samples'].name, sampled.thin, settings)
+        if sampled.trajectory is not None:
+            stamps_ns, beliefs, _ = sampled.trajectory
+            write_beliefs(scratch / paths['trajectory'].name, stamps_ns, beliefs)
         (scratch / f'{name}.json').write_text(
             json.dumps({**result, 'files': files}, indent=2) + '\n', encoding='utf-8'
         )

@@ -11,9 +11,10 @@ from types import FrameType
 from tqdm import tqdm
 
 from ogm_mcmc.config import StopConfig
+from ogm_mcmc.engine.joint_poses import PoseRefinement
 from ogm_mcmc.engine.refinement import Progress, Refinement
 
-__all__ = ['interruptible', 'sample', 'status']
+__all__ = ['interruptible', 'refine_poses', 'sample', 'status']
 
 
 @contextlib.contextmanager
@@ -34,6 +35,15 @@ def interruptible() -> Iterator[threading.Event]:
         yield interrupted
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+def refine_poses(poses: PoseRefinement, interrupted: threading.Event) -> None:
+    """Refine until all is done; after Ctrl-C the poses are those of then."""
+    with tqdm(total=poses.estimator.n_steps, desc='poses', unit=' steps', disable=None) as bar:
+        for progress in poses.run(cancelled=interrupted.is_set):
+            left = f'{progress.doing}, moved by {100.0 * progress.change_m:.1f} cm'
+            bar.set_postfix_str(left, refresh=False)
+            bar.update()
 
 
 def sample(refinement: Refinement, stop: StopConfig, interrupted: threading.Event) -> Progress:

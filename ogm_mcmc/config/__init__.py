@@ -36,6 +36,7 @@ from ogm_mcmc.config.settings import (
     setting,
     settings_of,
 )
+from ogm_mcmc.config.trajectory import PosesConfig, TrajectoryConfig
 
 __all__ = [
     'ChainConfig',
@@ -56,6 +57,8 @@ __all__ = [
     'RecordingConfig',
     'SamplerConfig',
     'PoseUncertainConfig',
+    'PosesConfig',
+    'TrajectoryConfig',
     'RandomFieldConfig',
     'Setting',
     'SonarModelConfig',

@@ -131,11 +131,15 @@ class PoseSamples(NamedTuple):
 
 
 class PoseBelief(NamedTuple):
-    """What is believed of one pose: its mean and, where known, covariance or particles."""
+    """What is believed of one pose: its mean and, where known, covariance or particles.
+
+    `offset` is where that frame sits in the one the localizer spoke of: the sensor on the robot.
+    """
 
     mean: Pose2D
     covariance: Float64Array | None = None
     particles: PoseSamples | None = None
+    offset: Pose2D = Pose2D()
 
     def moved(self, by: Pose2D) -> PoseBelief:
         """Return the belief about a frame fixed to this one (the sensor on the robot)."""
@@ -148,7 +152,11 @@ class PoseBelief(NamedTuple):
             swing[1, 2] = mean.x_m - self.mean.x_m
             covariance = swing @ covariance @ swing.T
         particles = None if self.particles is None else self.particles.moved(by)
-        return PoseBelief(mean, covariance, particles)
+        return PoseBelief(mean, covariance, particles, self.offset.compose(by))
+
+    def of_robot(self) -> PoseBelief:
+        """Return the belief about the frame the localizer spoke of."""
+        return self.moved(self.offset.inverse())
 
 
 def pose_from_quaternion(

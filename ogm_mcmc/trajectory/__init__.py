@@ -58,17 +58,12 @@ Wild bootstraps over squares of the map were worse: 0.75 between neighbours.
 
 from ogm_mcmc.trajectory.factors import Moves, PoseFactors
 from ogm_mcmc.trajectory.points import ScanPoints
-from ogm_mcmc.trajectory.refinement import (
-    TrajectoryConfig,
-    TrajectoryProgress,
-    TrajectoryRefinement,
-)
+from ogm_mcmc.trajectory.refinement import TrajectoryProgress, TrajectoryRefinement
 
 __all__ = [
     'Moves',
     'PoseFactors',
     'ScanPoints',
-    'TrajectoryConfig',
     'TrajectoryProgress',
     'TrajectoryRefinement',
 ]

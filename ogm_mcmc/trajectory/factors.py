@@ -82,7 +82,7 @@ class PoseFactors(NamedTuple):
         """Return the factors of beliefs; particles count with their mean and covariance.
 
         A belief of neither covariance nor particles has the standard deviations `spread`
-        (m, m, rad).
+        (m, m, rad). So has one whose covariance is 0 all over: messages that know none say so.
         """
         mean = xyyaw([belief.mean for belief in beliefs])
         precision = np.empty((len(beliefs), 3, 3))
@@ -91,7 +91,7 @@ class PoseFactors(NamedTuple):
             if belief.particles is not None:
                 mean[k] = xyyaw([belief.particles.mean()])[0]
                 covariance = belief.particles.covariance()
-            if covariance is None:
+            if covariance is None or not covariance.any():
                 covariance = np.diag(np.square(np.asarray(spread, np.float64)))
             precision[k] = np.linalg.inv(covariance + np.diag(LEAST_SPREAD**2))
         return cls(mean, precision, Moves.none() if moves is None else moves)

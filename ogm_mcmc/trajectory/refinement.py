@@ -5,20 +5,20 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from ogm_mcmc.arrays import AnyArray, Float64Array, Int64Array
-from ogm_mcmc.errors import WindowError, require
+from ogm_mcmc.config import TrajectoryConfig
+from ogm_mcmc.errors import WindowError
 from ogm_mcmc.geometry import Pose2D, PoseBelief, Scan
 from ogm_mcmc.trajectory.correlative import LookUp, look_up_in_turn, relocate
 from ogm_mcmc.trajectory.factors import Moves, PoseFactors
 from ogm_mcmc.trajectory.points import ScanPoints, poses_of, wrapped
 from ogm_mcmc.trajectory.surfels import Stage, SurfelSystem, align, solve
 
-__all__ = ['TrajectoryConfig', 'TrajectoryProgress', 'TrajectoryRefinement']
+__all__ = ['TrajectoryProgress', 'TrajectoryRefinement']
 
 # Coarse to fine: every stage halves what it looks at. The last one is what poses are drawn from.
 STAGES = (
@@ -31,40 +31,6 @@ STAGES = (
 
 # Stages that a search begins with, and that its look-up of astray scans is followed by.
 SEARCH_STAGES = STAGES[:2]
-
-
-@dataclass(frozen=True)
-class TrajectoryConfig:
-    """How poses are refined.
-
-    `spread_m` and `spread_rad`: standard deviations of poses that come without any.
-    `search`: whether scans are first looked up one by one: for poses that are off by more than
-    0.3 m or 3 degrees from one scan to the next.
-    `max_range_m`: points further away are left out, 0: none.
-    `draws`: of all poses, for their covariances; `inflation`: their standard deviations are
-    so many times those of the model, see the note in the package.
-    """
-
-    spread_m: float = 0.3
-    spread_rad: float = 0.1
-    search: bool = False
-    max_range_m: float = 30.0
-    draws: int = 40
-    inflation: float = 1.25
-    seed: int = 1
-
-    def __post_init__(self) -> None:
-        """Refuse what is no spread."""
-        for name in ('spread_m', 'spread_rad', 'inflation'):
-            value = getattr(self, name)
-            require(0.0 < value < math.inf, name, value, 'must be positive')
-        require(self.max_range_m >= 0.0, 'max_range_m', self.max_range_m, 'expected 0 or more')
-        require(self.draws >= 2, 'draws', self.draws, 'expected at least 2')
-
-    @property
-    def spread(self) -> tuple[float, float, float]:
-        """Standard deviations of x, y (m) and yaw (rad)."""
-        return self.spread_m, self.spread_m, self.spread_rad
 
 
 class TrajectoryProgress(NamedTuple):
@@ -100,9 +66,9 @@ class TrajectoryRefinement:
         if not placed:
             raise WindowError('no scan was recorded: expected at least one')
         self.config = TrajectoryConfig() if config is None else config
-        self.points = ScanPoints.of([scan for scan, _ in placed], self.config.max_range_m)
+        self.points = ScanPoints.of([scan for scan, _ in placed], self.config.max_range)
         beliefs = [belief for _, belief in placed]
-        self.factors = PoseFactors.of(beliefs, self.config.spread, moves)
+        self.factors = PoseFactors.of(beliefs, self.config.standard_deviations, moves)
         self.order: Int64Array = np.asarray(
             np.arange(len(placed)) if order is None else order, np.int64
         )
@@ -114,6 +80,12 @@ class TrajectoryRefinement:
         self._began = time.monotonic()
 
     # -- refining ---------------------------------------------------------------------------
+
+    @property
+    def n_steps(self) -> int:
+        """Number of steps until all is done."""
+        searching = 2 + sum(stage.steps for stage in SEARCH_STAGES) if self.config.search else 0
+        return searching + sum(stage.steps for stage in STAGES) + self.config.draws
 
     def run(
         self, max_time_s: float = math.inf, cancelled: Callable[[], bool] = lambda: False
@@ -174,9 +146,19 @@ class TrajectoryRefinement:
         """Return the poses as they are now."""
         return poses_of(self.poses)
 
+    @property
+    def finished(self) -> bool:
+        """Whether all that the settings ask for is done."""
+        return len(self.deviations) >= self.config.draws
+
+    @property
+    def covariances_known(self) -> bool:
+        """Whether there are enough draws for covariances."""
+        return len(self.deviations) >= 2
+
     def covariances(self) -> Float64Array:
         """Return the covariance (K, 3, 3) of every pose; nan before two draws."""
-        if len(self.deviations) < 2:
+        if not self.covariances_known:
             return np.full((len(self.poses), 3, 3), np.nan)
         drawn = np.array(self.deviations)
         covariances: Float64Array = np.einsum('ski,skj->kij', drawn, drawn) / len(drawn)
@@ -184,9 +166,8 @@ class TrajectoryRefinement:
 
     def beliefs(self) -> list[PoseBelief]:
         """Return the poses with their covariances, once there are any."""
-        known = len(self.deviations) >= 2
         return [
-            PoseBelief(pose, covariance if known else None)
+            PoseBelief(pose, covariance if self.covariances_known else None)
             for pose, covariance in zip(self.trajectory(), self.covariances(), strict=True)
         ]
 

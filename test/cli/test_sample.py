@@ -15,8 +15,14 @@ from ogm_mcmc.cli.sample import SHORT
 from ogm_mcmc.cli.sampling_bar import status
 from ogm_mcmc.config import StopConfig
 from ogm_mcmc.engine.refinement import Progress, Refinement
+from ogm_mcmc.evaluation.trajectories import absolute_errors
+from ogm_mcmc.geometry import PlacedScan, Pose2D, PoseBelief
 from ogm_mcmc.io.map_files import load_map, load_npz
+from ogm_mcmc.io.recording_bag import write_recording
 from ogm_mcmc.io.sample_files import load_samples
+from ogm_mcmc.io.trajectory_files import read_trajectory
+from ogm_mcmc.io.tum_files import read_deviations
+from ogm_mcmc.simulation import WORLDS, Lidar, record
 
 COARSE = ('--resolution', '0.2', '--beam-stride', '6', '--json')
 FEW = (*COARSE, '--max-sweeps', '80', '--burn-in', '16', '--r-hat', '0')
@@ -257,3 +263,48 @@ def test_as_a_user_runs_it(run_cli, office_bag, tmp_path):
     done = run_cli('sample', 'nowhere', '-o', 'there')
     assert done.returncode == 2
     assert 'nowhere: no such file or folder' in done.stderr
+
+
+def walk_with_noisy_poses(path, every=40):
+    """Write every so many-th scan of the office, its pose 5 cm and 1 degree off; return truth.
+
+    The covariance that is written is 0: nothing is known of it.
+    """
+    rng = np.random.default_rng(3)
+    deviations = np.array([0.05, 0.05, 0.02])
+    walk = list(record(WORLDS['office'](), Lidar(beams=180), rng))[::every]
+    noisy, truth = [], []
+    for scan, belief in walk:
+        x, y, yaw = deviations * rng.normal(size=3)
+        pose = belief.mean
+        truth.append((pose.x_m, pose.y_m, pose.yaw_rad))
+        off = Pose2D(pose.x_m + x, pose.y_m + y, pose.yaw_rad + yaw)
+        noisy.append(PlacedScan(scan, PoseBelief(off)))
+    write_recording(path, noisy)
+    return np.array(truth)
+
+
+def test_poses_are_estimated_with_the_map(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    truth = walk_with_noisy_poses(tmp_path / 'noisy')
+    few = ('--max-sweeps', '30', '--burn-in', '16', '--r-hat', '0', '--trajectory.draws', '10')
+    call = ['sample', 'noisy', '-o', 'out', *COARSE[2:], *few]
+    assert run([*call, '--poses', 'joint', '--state', 'state.npz']) == 0
+    first = json.loads(capsys.readouterr().out)
+    assert first['settings']['poses'] == 'joint'
+    assert first['trajectory']['finished']
+    assert 3.0 < 100.0 * first['trajectory']['moved_m'] < 12.0
+    # Where all of them are together, 29 guesses of 0.3 m leave open.
+    assert first['trajectory']['deviation_m'] < 0.13
+    found = read_trajectory(tmp_path / 'out' / 'map_trajectory.txt')
+    poses = np.array([(pose.x_m, pose.y_m, pose.yaw_rad) for pose in found.poses])
+    assert absolute_errors(poses, truth).distance_m.mean() < 0.02
+    deviations = read_deviations(tmp_path / 'out' / 'map_trajectory.txt', len(truth))
+    assert deviations.shape == (len(truth), 3)
+    # The same poses again, so the chains go on.
+    assert run([*call, '--poses', 'joint', '--state', 'state.npz']) == 0
+    assert json.loads(capsys.readouterr().out)['resumed_at'] == 30
+    # Chains of other poses are another matter, and no trajectory is left from before.
+    assert run([*call, '--state', 'state.npz']) == 2
+    assert run(call) == 0
+    assert not list((tmp_path / 'out').glob('map_trajectory*'))

@@ -147,7 +147,7 @@ def test_moved_samples_are_composed_one_by_one(mounted, seed):
 
 def test_moved_belief_knows_nothing_more_than_before():
     moved = PoseBelief(Pose2D(1.0, 0.0, 0.0)).moved(Pose2D(2.0, 0.0, 0.5))
-    assert moved == PoseBelief(Pose2D(3.0, 0.0, 0.5), None, None)
+    assert moved == PoseBelief(Pose2D(3.0, 0.0, 0.5), offset=Pose2D(2.0, 0.0, 0.5))
 
 
 def test_moved_covariance_by_hand():
@@ -241,3 +241,14 @@ def test_a_slightly_long_quaternion_is_normalised():
 
 def test_mount_is_upright_at_the_centre_unless_said_otherwise():
     assert SensorMount() == SensorMount(Pose2D(0.0, 0.0, 0.0), upside_down=False)
+
+
+def test_a_belief_knows_the_way_back_to_the_robot():
+    robot = PoseBelief(Pose2D(1.0, 2.0, 0.5), np.diag([0.01, 0.02, 0.003]))
+    sensor = robot.moved(Pose2D(0.2, 0.1, 1.0)).moved(Pose2D(0.0, 0.3, -0.4))
+    back = sensor.of_robot()
+    assert back.mean.x_m == pytest.approx(1.0)
+    assert back.mean.y_m == pytest.approx(2.0)
+    assert back.mean.yaw_rad == pytest.approx(0.5)
+    np.testing.assert_allclose(back.covariance, robot.covariance, atol=1e-12)
+    assert back.of_robot().mean == back.mean

@@ -75,3 +75,9 @@ def test_a_move_is_seen_from_the_first_pose() -> None:
     np.testing.assert_allclose(
         relative_poses(first, second), [(2.0, 0.0, np.pi / 2.0)], atol=1e-12
     )
+
+
+def test_a_covariance_of_zeros_is_none_at_all() -> None:
+    said = PoseFactors.of([PoseBelief(Pose2D(), np.zeros((3, 3)))], (0.3, 0.3, 0.1))
+    unsaid = PoseFactors.of([PoseBelief(Pose2D())], (0.3, 0.3, 0.1))
+    np.testing.assert_array_equal(said.precision, unsaid.precision)

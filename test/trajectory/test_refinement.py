@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from support.rooms import path_through, scans_of
 
+from ogm_mcmc.config import TrajectoryConfig
 from ogm_mcmc.errors import ConfigError, WindowError
 from ogm_mcmc.evaluation.trajectories import absolute_errors
 from ogm_mcmc.geometry import PoseBelief
-from ogm_mcmc.trajectory import TrajectoryConfig, TrajectoryRefinement
+from ogm_mcmc.trajectory import TrajectoryRefinement
 from ogm_mcmc.trajectory.points import poses_of
 
 TRUTH = path_through(10)
@@ -56,5 +57,5 @@ def test_covariances_are_unknown_before_there_are_draws() -> None:
 def test_nothing_to_refine_is_refused() -> None:
     with pytest.raises(WindowError, match='expected at least one'):
         TrajectoryRefinement([])
-    with pytest.raises(ConfigError, match='spread_m'):
-        TrajectoryConfig(spread_m=0.0)
+    with pytest.raises(ConfigError, match='spread'):
+        TrajectoryConfig(spread=0.0)

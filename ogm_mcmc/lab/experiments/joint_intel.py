@@ -25,6 +25,7 @@ from ogm_mcmc.config import (
     PatchConfig,
     SamplerConfig,
     StopConfig,
+    TrajectoryConfig,
     WindowConfig,
 )
 from ogm_mcmc.engine.live_map import map_of
@@ -36,7 +37,7 @@ from ogm_mcmc.io.carmen import read_carmen
 from ogm_mcmc.lab.experiments.recordings import as_scan, data_folder
 from ogm_mcmc.lab.experiments.results import row
 from ogm_mcmc.sensors.forward_model import ForwardModel
-from ogm_mcmc.trajectory import TrajectoryConfig, TrajectoryRefinement
+from ogm_mcmc.trajectory import TrajectoryRefinement
 from ogm_mcmc.trajectory.points import poses_of, xyyaw
 
 __all__ = ['run']

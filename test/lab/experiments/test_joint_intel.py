@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from support.rooms import path_through, scans_of
 
+from ogm_mcmc.config import TrajectoryConfig
 from ogm_mcmc.evaluation.trajectories import Relations, absolute_errors
 from ogm_mcmc.lab.experiments import joint_intel
-from ogm_mcmc.trajectory import TrajectoryConfig
 
 TRUTH = path_through(8)
 CONFIG = TrajectoryConfig(draws=2)

@@ -1,0 +1,73 @@
+"""Settings of poses that are estimated together with the map."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ogm_mcmc.config.settings import check_bounds, setting
+
+__all__ = ['PosesConfig', 'TrajectoryConfig']
+
+
+@dataclass(frozen=True)
+class TrajectoryConfig:
+    """How poses are refined; see `ogm_mcmc.trajectory`."""
+
+    spread: float = setting(
+        0.3,
+        'standard deviation of the x and y of poses that come without any, or with 0 all over, m',
+        low=1e-4,
+        high=100.0,
+    )
+    spread_angle: float = setting(
+        0.1,
+        'standard deviation of the heading of such poses, rad',
+        low=1e-5,
+        high=10.0,
+    )
+    search: bool = setting(
+        False,
+        'look scans up one by one first: for poses that are off by more than 0.3 m or 3 degrees '
+        'from one scan to the next',
+    )
+    max_range: float = setting(
+        30.0, 'points further away than this move no pose, m; 0: none', low=0.0, high=10000.0
+    )
+    draws: int = setting(
+        40, 'trajectories drawn for the standard deviations of poses', low=2, high=10000
+    )
+    inflation: float = setting(
+        1.25, 'standard deviations of poses are so many times those computed', low=0.1, high=10.0
+    )
+    seed: int = setting(1, 'seed of the trajectories drawn', low=0, high=2**63 - 1)
+
+    def __post_init__(self) -> None:
+        """Refuse what is out of bounds."""
+        check_bounds(self)
+
+    @property
+    def standard_deviations(self) -> tuple[float, float, float]:
+        """Of x, y (m) and yaw (rad) of a pose that comes without any."""
+        return self.spread, self.spread, self.spread_angle
+
+
+@dataclass(frozen=True)
+class PosesConfig:
+    """Whether poses are taken as they come or estimated."""
+
+    poses: str = setting(
+        'fixed',
+        'fixed: scans lie where the localizer puts them; joint: their poses are estimated from '
+        'the scans themselves and what the localizer says, then the map is sampled at them',
+        choices=('fixed', 'joint'),
+    )
+    trajectory: TrajectoryConfig = TrajectoryConfig()
+
+    def __post_init__(self) -> None:
+        """Refuse what is out of bounds."""
+        check_bounds(self)
+
+    @property
+    def joint(self) -> bool:
+        """Whether poses are estimated."""
+        return self.poses == 'joint'

@@ -1,0 +1,101 @@
+"""Poses of recorded scans estimated together, before a map is sampled at them.
+
+Scans with what the localizer believed ---> PoseRefinement.run ... until done or time is up
+|                                                    |
+v                                                    v
+`placed`: the same scans where they are now          `trajectory`: where the robot was
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ogm_mcmc.arrays import Float64Array
+from ogm_mcmc.config import TrajectoryConfig
+from ogm_mcmc.geometry import PlacedScan, Pose2D, PoseBelief
+from ogm_mcmc.trajectory import TrajectoryProgress, TrajectoryRefinement
+from ogm_mcmc.trajectory.points import wrapped
+
+__all__ = ['PoseRefinement', 'RefinedTrajectory']
+
+
+class RefinedTrajectory(NamedTuple):
+    """Where the robot was at `stamps_ns`, each later than the one before.
+
+    `correction` takes the latest pose as the localizer gave it, in the map, to where it is now:
+    the pose that the map frame of then has in that of now.
+    """
+
+    stamps_ns: list[int]
+    beliefs: list[PoseBelief]
+    correction: Pose2D
+
+
+class PoseRefinement:
+    """The poses of some scans, refined step by step; a thin coat of `TrajectoryRefinement`."""
+
+    def __init__(self, scans: Sequence[PlacedScan], config: TrajectoryConfig) -> None:
+        self.scans = list(scans)
+        stamps = np.array([placed.scan.stamp_ns for placed in scans], np.int64)
+        self.order = np.argsort(stamps, kind='stable')
+        self.estimator = TrajectoryRefinement(self.scans, config, order=self.order)
+        self.progress: TrajectoryProgress | None = None
+
+    @property
+    def finished(self) -> bool:
+        """Whether nothing is left to do."""
+        return self.estimator.finished
+
+    def run(
+        self, max_time_s: float = math.inf, cancelled: Callable[[], bool] = lambda: False
+    ) -> Iterator[TrajectoryProgress]:
+        """Go on where it was left; yield after each step, until all is done or time is up."""
+        for progress in self.estimator.run(max_time_s, cancelled):
+            self.progress = progress
+            yield progress
+
+    def placed(self) -> list[PlacedScan]:
+        """Return the scans at their poses as they are now, with covariances once known."""
+        return [
+            PlacedScan(old.scan, belief._replace(offset=old.belief.offset))
+            for old, belief in zip(self.scans, self.estimator.beliefs(), strict=True)
+        ]
+
+    def trajectory(self) -> RefinedTrajectory:
+        """Return where the robot was; one pose for each stamp."""
+        placed = self.placed()
+        stamps: list[int] = []
+        beliefs: list[PoseBelief] = []
+        for k in self.order:
+            stamp_ns = placed[k].scan.stamp_ns
+            if not stamps or stamp_ns > stamps[-1]:
+                stamps.append(stamp_ns)
+                beliefs.append(placed[k].belief.of_robot())
+        last = int(self.order[-1])
+        correction = placed[last].pose.compose(self.scans[last].pose.inverse())
+        return RefinedTrajectory(stamps, beliefs, correction)
+
+    def figures(self) -> dict[str, Any]:
+        """Return plain values for JSON: how far poses went and how sure they are."""
+        moved = wrapped(self.estimator.poses - self.estimator.factors.mean)
+        squares = (moved**2).mean(axis=0)
+        figures: dict[str, Any] = {
+            'finished': self.finished,
+            'draws': len(self.estimator.deviations),
+            'moved_m': round(math.sqrt(float(squares[:2].sum())), 6),
+            'moved_deg': round(math.degrees(math.sqrt(float(squares[2]))), 6),
+        }
+        spread = _deviations(self.estimator.covariances())
+        if self.estimator.covariances_known:
+            place = np.sqrt((spread[:, :2] ** 2).sum(axis=1))
+            figures['deviation_m'] = round(float(np.median(place)), 6)
+            figures['deviation_deg'] = round(math.degrees(float(np.median(spread[:, 2]))), 6)
+        return figures
+
+
+def _deviations(covariances: Float64Array) -> Float64Array:
+    return np.asarray(np.sqrt(np.diagonal(covariances, axis1=1, axis2=2)), np.float64)
