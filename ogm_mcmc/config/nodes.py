@@ -13,6 +13,7 @@ from ogm_mcmc.config import (
     PlacingConfig,
     RecordingConfig,
     SamplerConfig,
+    ShownConfig,
     StopConfig,
     build,
     check_bounds,
@@ -109,7 +110,7 @@ LIVE_PARAMETERS = live_parameters(NODE_CONFIGS)
 
 @dataclass(frozen=True)
 class RefineServerConfig:
-    """When `refine_server` publishes, what it shows, and where it saves."""
+    """When `refine_server` publishes, and where it saves."""
 
     map_update_interval: float = setting(
         1.0, 'time between published maps while sampling, s', low=0.02, high=3600.0, live=True
@@ -119,14 +120,6 @@ class RefineServerConfig:
         'while nobody listens, the latched map is renewed at this interval, s',
         low=0.1,
         high=86400.0,
-        live=True,
-    )
-    unknown_margin: float = setting(
-        0.02,
-        'cells are unknown (-1) unless max(p, 1 - p) exceeds that of the prior by this; below 0 '
-        'shows less certain ones, never those of which no beam says anything',
-        low=-0.5,
-        high=0.5,
         live=True,
     )
     niceness: int = setting(
@@ -150,7 +143,7 @@ LEARNED = PatchConfig(prior='border', size=9)
 
 @dataclass(frozen=True)
 class RefineSamplerConfig(SamplerConfig):
-    """As for `sample`, but with the learned prior: walls also where no beam has been."""
+    """Defaults of `refine_server` and `sample`: the learned prior, walls also between beams."""
 
     patch: PatchConfig = LEARNED
 
@@ -160,6 +153,7 @@ REFINE_CONFIGS = (
     StopConfig,
     RecordingConfig,
     OutputConfig,
+    ShownConfig,
     PlacingConfig,
     IntakeConfig,
     RefineServerConfig,

@@ -20,6 +20,7 @@ from ogm_mcmc.config import (
     OutputConfig,
     PlacingConfig,
     RecordingConfig,
+    ShownConfig,
     StopConfig,
 )
 from ogm_mcmc.config.nodes import (
@@ -103,6 +104,7 @@ class RefineServer(Node):
         self.settings = self.parameters.read(RefineServerConfig)
         self.stop = self.parameters.read(StopConfig)
         self.output = self.parameters.read(OutputConfig)
+        self.unknown_margin = self.parameters.read(ShownConfig).unknown_margin
 
     def _state_file(self) -> Path | None:
         if not self.settings.state_file:
@@ -142,8 +144,7 @@ class RefineServer(Node):
 
     def shown(self, result: RefinedMap) -> GridMap:
         """Return a map with nan where it is no more certain than the prior."""
-        margin = self.settings.unknown_margin
-        return hide_uncertain(result.grid_map, result.prior, margin, result.draws)
+        return hide_uncertain(result.grid_map, result.prior, self.unknown_margin, result.draws)
 
     def map_message(self, result: RefinedMap) -> OccupancyGrid:
         """Return the message of a map; the same one again while neither it nor settings change."""
