@@ -318,6 +318,12 @@ class PlacingConfig:
         high=1e6,
         live=True,
     )
+    deskew: str = setting(
+        'auto',
+        'beams at their own times: auto where the scan names time_increment; on: from scan_time '
+        'as well; off: all at the stamp of the scan',
+        choices=('auto', 'on', 'off'),
+    )
     mount: MountConfig = MountConfig()
 
     def __post_init__(self) -> None:

@@ -57,6 +57,7 @@ class StreamChoice:
     mounts: MountConfig = MountConfig()  # noqa: RUF009 - frozen
     max_speed_m_s: float = MAX_SPEED_M_S
     max_turn_rad_s: float = MAX_TURN_RAD_S
+    deskew: str = 'auto'
 
 
 class StreamTopics(NamedTuple):
@@ -155,7 +156,9 @@ class PlacedScans:
                     f'{self.topics.scan.name}: expected map -> odom -> base -> sensor in tf'
                 )
             source = self._tf
-        self.placer = ScanPlacer(source, timeout_s=1.0, max_waiting=1_000_000)
+        self.placer = ScanPlacer(
+            source, timeout_s=1.0, max_waiting=1_000_000, deskew=self.choice.deskew
+        )
 
     def _read_tf(self) -> TfPoses | None:
         """Return the transforms of the bag; None where they do not lead to the sensor.
@@ -220,9 +223,7 @@ class PlacedScans:
         self.placed += 1
         frame = taken.scan.frame_id
         self.frames.add(frame)
-        return PlacedScan.on_robot(
-            taken.scan, taken.belief, self._mount(frame, taken.scan.stamp_ns)
-        )
+        return taken.on_mount(self._mount(frame, taken.scan.stamp_ns))
 
     def _mount(self, frame: str, stamp_ns: int) -> SensorMount:
         by_parameters = self.choice.mounts != MountConfig()

@@ -163,13 +163,14 @@ class ScanIntake:
         """Use every waiting scan whose pose is known; drop those that waited too long."""
         if self.paused:
             return
-        for scan, robot, _ in self.placer.placed(time.monotonic()):
+        for taken in self.placer.placed(time.monotonic()):
+            scan = taken.scan
             mount = self.mount_of(scan)
             if mount is None:
                 self.warn('scan_no_mount', f'tf does not know {scan.frame_id!r} on the base yet')
                 continue
             try:
-                self.use(PlacedScan.on_robot(scan, robot, mount))
+                self.use(taken.on_mount(mount))
             except GridError as error:
                 self.warn('scan_off_map', f'scan dropped: {error}')
 

@@ -157,6 +157,14 @@ def test_a_negative_time_out_waits_for_nothing():
     assert [reason for reason, _ in dropped] == ['pose_timeout'] * 2
 
 
+def test_several_scans_of_one_stamp_are_all_used():
+    placer, dropped = placer_with((0.5, belief()), (3.0, belief()), max_gap_s=9.0)
+    for reading in (1.0, 2.0, 3.0):
+        placer.add_scan(replace(scan(2.0), ranges_m=np.array([reading], np.float32)))
+    assert [stamp for stamp, _ in placed(placer)] == [2.0] * 3
+    assert dropped == []
+
+
 @pytest.mark.parametrize('stamp', [2.0, 1.9, 1.0])
 def test_a_repeated_or_late_scan_is_dropped(stamp):
     placer, dropped = placer_with((0.5, belief()), (3.0, belief()), max_gap_s=9.0)
@@ -395,7 +403,7 @@ def test_whatever_the_order_of_arrival_no_scan_is_misplaced(arrivals, max_gap_s)
     placer, dropped = placer_with(max_gap_s=max_gap_s)
     scans, poses, placed = feed(placer, arrivals)
     stamps = [stamp for stamp, _ in poses]
-    for found, where, _ in placed:
+    for found, where, *_ in placed:
         before = bisect_right(stamps, found.stamp_ns) - 1
         after = bisect_left(stamps, found.stamp_ns)
         assert before >= 0
