@@ -241,7 +241,8 @@ class ScanPlacer:
         self.on_drop = on_drop
         self.dropped: Counter[str] = Counter()
         self._waiting: deque[_Queued] = deque()
-        self._last: Recent[Scan] = Recent()  # by frame
+        self._last_stamp_ns: Recent[int] = Recent()
+        self._newest: Scan | None = None
         self._late: Recent[int] = Recent()  # by frame, in a row
         self._last_pose_s = -float('inf')
 
@@ -257,19 +258,20 @@ class ScanPlacer:
 
     def add_scan(self, scan: Scan, now_s: float = 0.0) -> None:
         """Queue a scan; `now_s` is the time of arrival on any steady clock."""
-        last = self._last.get(scan.frame_id)
-        if last is not None and (scan.stamp_ns < last.stamp_ns or _same(scan, last)):
-            in_a_row = self._late.get(scan.frame_id, 0) + (scan.stamp_ns < last.stamp_ns)
+        last = self._last_stamp_ns.get(scan.frame_id)
+        if last is not None and (scan.stamp_ns < last or _same(scan, self._newest)):
+            in_a_row = self._late.get(scan.frame_id, 0) + (scan.stamp_ns < last)
             self._late[scan.frame_id] = in_a_row
-            if last.stamp_ns - scan.stamp_ns <= RESTART_NS and in_a_row <= RESTART_AFTER:
+            if last - scan.stamp_ns <= RESTART_NS and in_a_row <= RESTART_AFTER:
                 self.drop('scan_out_of_order', scan)
                 return
             self._late.clear()
             self._restart(scan.stamp_ns)
-            self._last[scan.frame_id] = scan
+            self._last_stamp_ns[scan.frame_id] = scan.stamp_ns
             self.drop('scan_jumped_back', scan)
             return
-        self._last[scan.frame_id] = scan
+        self._last_stamp_ns[scan.frame_id] = scan.stamp_ns
+        self._newest = scan
         self._late[scan.frame_id] = 0
         if len(self._waiting) >= self.max_waiting:
             self.drop('queue_full', self._waiting.popleft().scan)
@@ -300,15 +302,16 @@ class ScanPlacer:
                 self.drop('before_restart', scan)
             else:
                 self._waiting.append(_Queued(scan, arrived_s))
-        for frame, last in list(self._last.items()):
-            if last.stamp_ns > stamp_ns + RESTART_NS:
-                del self._last[frame]
+        for frame, last in list(self._last_stamp_ns.items()):
+            if last > stamp_ns + RESTART_NS:
+                del self._last_stamp_ns[frame]
         self.source.restart(stamp_ns)
 
     def clear(self) -> None:
         """Forget waiting scans and poses, not the counts."""
         self._waiting.clear()
-        self._last.clear()
+        self._last_stamp_ns.clear()
+        self._newest = None
         self.source.clear()
 
     def flush(self) -> Iterator[RobotScan]:
@@ -365,10 +368,12 @@ class ScanPlacer:
         return self.mounts.at(scan.frame_id, scan.stamp_ns, now_s)
 
 
-def _same(scan: Scan, other: Scan) -> bool:
+def _same(scan: Scan, before: Scan | None) -> bool:
     """Return whether a scan came twice; several of one stamp are scans of their own."""
-    return scan.stamp_ns == other.stamp_ns and np.array_equal(
-        scan.ranges_m, other.ranges_m, equal_nan=True
+    return (
+        before is not None
+        and (scan.stamp_ns, scan.frame_id) == (before.stamp_ns, before.frame_id)
+        and np.array_equal(scan.ranges_m, before.ranges_m, equal_nan=True)
     )
 
 

@@ -414,7 +414,7 @@ def test_whatever_the_order_of_arrival_no_scan_is_misplaced(arrivals, max_gap_s)
         expected = interpolate(earlier, later, fraction)
         assert (where.mean.x_m, where.mean.y_m) == approx((expected.x_m, expected.y_m))
         assert math.cos(where.mean.yaw_rad - expected.yaw_rad) == approx(1.0)
-    in_order = [found.stamp_ns for found, _, _ in placed]
+    in_order = [found.stamp_ns for found, *_ in placed]
     assert in_order == sorted(in_order)
     assert sum(what is not None for _, what in dropped) + len(placed) + len(placer) == scans
 
