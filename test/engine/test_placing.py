@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from support.strategies import REPEATABLE, fan, stamps_ns
 
@@ -402,6 +402,7 @@ def feed(placer, arrivals, yaw=lambda k: 0.7 * k):
 def test_whatever_the_order_of_arrival_no_scan_is_misplaced(arrivals, max_gap_s):
     placer, dropped = placer_with(max_gap_s=max_gap_s)
     scans, poses, placed = feed(placer, arrivals)
+    assume(not placer.dropped['pose_jumped_back'])  # what is known starts again there
     stamps = [stamp for stamp, _ in poses]
     for found, where, *_ in placed:
         before = bisect_right(stamps, found.stamp_ns) - 1
