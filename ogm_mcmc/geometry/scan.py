@@ -130,7 +130,8 @@ class Scan:
         """Angles (B,) of the beams in the sensor's frame, rad."""
         if self.bearings_rad is not None:
             return self.bearings_rad
-        return self.angle_min_rad + self.angle_increment_rad * np.arange(self.ranges_m.size)
+        steps = np.arange(self.ranges_m.size, dtype=np.float64)
+        return np.asarray(self.angle_min_rad + self.angle_increment_rad * steps, np.float64)
 
     def directions(self) -> Float64Array:
         """Unit vectors (2, B) of the beams."""
