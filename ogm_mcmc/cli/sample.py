@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from tqdm import tqdm
 
-from ogm_mcmc.cli.bag_scans import read_bag
+from ogm_mcmc.cli.bag_scans import BagScans, read_bag
 from ogm_mcmc.cli.option_ranges import Range, check_options
 from ogm_mcmc.cli.options import (
     Subparsers,
@@ -39,7 +39,6 @@ from ogm_mcmc.config import (
     settings_of,
 )
 from ogm_mcmc.config.nodes import REFINE_CONFIGS, RefineSamplerConfig
-from ogm_mcmc.engine.bag_scans import BagScans
 from ogm_mcmc.engine.joint_poses import PoseRefinement
 from ogm_mcmc.engine.refinement import Progress, Recording, Refinement, warm_up
 from ogm_mcmc.errors import ConfigError, OutputError

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -26,12 +27,11 @@ from ogm_mcmc.io.tf_messages import TF_TYPES, is_static, read_transforms
 
 __all__ = [
     'POSE_TYPES',
-    'BagScans',
     'PlacedScans',
     'StreamChoice',
     'StreamTopics',
     'choose_topics',
-    'read_scans',
+    'open_scans',
 ]
 
 POSE_TYPES = {
@@ -240,23 +240,11 @@ class PlacedScans:
             raise BagError(f'{where}: frame_id is {frame!r}: expected {expected!r} as before')
 
 
-class BagScans(NamedTuple):
-    """All placed scans of a bag, the topics they came from, and what was dropped, by reason."""
+@contextlib.contextmanager
+def open_scans(path: Path, choice: StreamChoice) -> Iterator[PlacedScans]:
+    """Open a bag and yield its scans, to be iterated over while it is open.
 
-    placed: list[PlacedScan]
-    topics: StreamTopics
-    dropped: dict[str, int]
-
-
-def read_scans(
-    path: Path, choice: StreamChoice, progress: Callable[[int], Callable[[], object]]
-) -> BagScans:
-    """Read and place all scans of a bag; `progress(n)` gives what is called after each of n.
-
-    Raises BagError when none can be placed.
+    Raises BagError that says what is missing.
     """
     with BagReader(path) as bag:
-        topics = choose_topics(bag, choice)
-        scans = PlacedScans(bag, topics, choice, on_scan=progress(topics.n_scans))
-        placed = list(scans)
-    return BagScans(placed, topics, dict(scans.placer.dropped))
+        yield PlacedScans(bag, choose_topics(bag, choice), choice)
