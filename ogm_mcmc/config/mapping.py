@@ -234,9 +234,10 @@ class OutputConfig:
     """How probabilities become an OccupancyGrid or a map file."""
 
     output: str = setting(
-        'probability',
-        'probability: 0..100 in every measured cell; trinary: 0, 100 or unknown',
-        choices=('probability', 'trinary'),
+        'trinary',
+        'what `map` and `map_refined` hold; trinary: 0, 100 or unknown, which planners need: for '
+        'Nav2 every value from 1 to 99 is free space; probability: 0..100 in every measured cell',
+        choices=('trinary', 'probability'),
         live=True,
     )
     occupied_thresh: float = setting(
