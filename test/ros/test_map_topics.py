@@ -16,7 +16,6 @@ from support.ros import NodeProcess, Observer
 
 from ogm_mcmc.config import MapperConfig
 from ogm_mcmc.engine.bag_scans import PlacedScans, StreamChoice, choose_topics
-from ogm_mcmc.geometry import PlacedScan
 from ogm_mcmc.geometry.grid_map import occupancy_values
 from ogm_mcmc.io.bags import BagReader
 from ogm_mcmc.io.recording_bag import write_recording
@@ -44,8 +43,8 @@ def mapped(bag, config):
     """Return the probabilities (height, width) of a bag's map."""
     pipeline, choice = MappingPipeline(config), StreamChoice()
     with BagReader(bag) as reader:
-        for scan, belief in PlacedScans(reader, choose_topics(reader, choice), choice):
-            pipeline.update(PlacedScan(scan, belief))
+        for placed in PlacedScans(reader, choose_topics(reader, choice), choice):
+            pipeline.update(placed)
     return pipeline.method.probabilities(pipeline.method.spec.box)
 
 

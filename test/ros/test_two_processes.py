@@ -3,6 +3,7 @@
 import itertools
 import signal
 import time
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -20,7 +21,7 @@ from support.ros import NodeProcess, Observer
 from ogm_mcmc.config import MapperConfig, OutputConfig
 from ogm_mcmc.engine.bag_scans import PlacedScans, StreamChoice, choose_topics
 from ogm_mcmc.engine.map_view import MapView
-from ogm_mcmc.geometry import PlacedScan, Pose2D
+from ogm_mcmc.geometry import PlacedScan
 from ogm_mcmc.io.bags import BagReader
 from ogm_mcmc.io.map_files import load_map
 from ogm_mcmc.io.recording_bag import write_recording
@@ -36,8 +37,8 @@ def offline_pipeline(bag_path):
     pipeline = MappingPipeline(MapperConfig())
     with BagReader(bag_path) as bag:
         choice = StreamChoice()
-        for scan, belief in PlacedScans(bag, choose_topics(bag, choice), choice):
-            pipeline.update(PlacedScan(scan, belief))
+        for placed in PlacedScans(bag, choose_topics(bag, choice), choice):
+            pipeline.update(placed)
     return pipeline
 
 
@@ -182,8 +183,8 @@ def test_replay_waits_again_for_a_mapper_that_was_restarted(office_bag):
 def test_reset_while_the_robot_is_far_from_the_origin(mapper, tmp_path):
     """The window of the map starts anew somewhere else; nothing of the old one may matter."""
     recording = [
-        PlacedScan.at(scan, Pose2D(500.0 + pose.x_m, pose.y_m, pose.yaw_rad))
-        for scan, (pose, _, _) in itertools.islice(
+        PlacedScan.at(placed.scan, replace(placed.pose, x_m=500.0 + placed.pose.x_m))
+        for placed in itertools.islice(
             record(office(), Lidar(beams=30), np.random.default_rng(9)), 20
         )
     ]
