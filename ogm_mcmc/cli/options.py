@@ -156,5 +156,4 @@ def stream_choice(
         placing.mount,
         placing.max_speed,
         placing.max_turn_rate,
-        placing.deskew,
     )
