@@ -1,10 +1,21 @@
 """Package metadata; the one place that names what has to be installed."""
 
+import sys
 from glob import glob
 
 from setuptools import find_packages, setup
 
 PACKAGE = 'ogm_mcmc'
+
+SCRIPTS = [
+    'ogm_mcmc = ogm_mcmc.cli.entry:main',
+    'online_mapper = ogm_mcmc.ros.online_mapper:main',
+    'refine_server = ogm_mcmc.ros.refine_server:main',
+]
+# colcon installs by these commands, with scripts in lib/ogm_mcmc (setup.cfg): `ros2 run` finds
+# them there. A wheel puts them on the PATH, where `replay` would stand for anything.
+if {'install', 'develop'} & set(sys.argv):
+    SCRIPTS.append('replay = ogm_mcmc.ros.replay:main')
 
 setup(
     name=PACKAGE,
@@ -58,12 +69,5 @@ setup(
     maintainer_email='maintainers@ogm-mcmc.org',
     description='Occupancy grid mapping with probabilities that can be believed.',
     license='Apache-2.0',
-    entry_points={
-        'console_scripts': [
-            'ogm_mcmc = ogm_mcmc.cli.entry:main',
-            'online_mapper = ogm_mcmc.ros.online_mapper:main',
-            'refine_server = ogm_mcmc.ros.refine_server:main',
-            'replay = ogm_mcmc.ros.replay:main',
-        ],
-    },
+    entry_points={'console_scripts': SCRIPTS},
 )

@@ -77,9 +77,10 @@ def test_pip_installs_every_module_and_the_scripts(clean_copy, tmp_path, office_
     found = Path(run(sys.executable, '-S', '-c', prior, cwd=tmp_path, PYTHONPATH=path).strip())
     assert found == tmp_path / 'venv' / 'share' / 'ogm_mcmc' / 'priors' / 'buildings.npz'
     scripts = tmp_path / 'venv' / 'bin'
-    assert {'ogm_mcmc', 'online_mapper', 'refine_server', 'replay'} <= {
-        item.name for item in scripts.iterdir()
-    }
+    installed = {item.name for item in scripts.iterdir()}
+    assert {'ogm_mcmc', 'online_mapper', 'refine_server'} <= installed
+    # So common a name is left to `ogm_mcmc replay` and to `ros2 run ogm_mcmc replay`.
+    assert 'replay' not in installed
     command = ('map', office_bag, '-o', tmp_path / 'map')
     run(sys.executable, scripts / 'ogm_mcmc', *command, cwd=tmp_path, PYTHONPATH=path)
     assert (tmp_path / 'map' / 'map.yaml').is_file()

@@ -1,7 +1,8 @@
 """`bench CASE`: how fast things are, as JSON.
 
 `bench online [--scene FILE] [BAG]`: the mapping call. `bench sample [--scene FILE] [BAG]`: the
-full posterior. `bench simulate`: beams through cells.
+full posterior. `bench refine [--scene FILE] [BAG]`: what `~/refine` takes until its map can be
+relied on. `bench simulate`: beams through cells.
 """
 
 from __future__ import annotations
@@ -24,11 +25,13 @@ from ogm_mcmc.cli.options import (
 )
 from ogm_mcmc.cli.simulated_sensor import FURTHEST_M
 from ogm_mcmc.cli.simulated_world import check_cells
-from ogm_mcmc.config import MapperConfig, PlacingConfig
+from ogm_mcmc.config import ForwardModelConfig, MapperConfig, PlacingConfig, WindowConfig
+from ogm_mcmc.config.nodes import RefineSamplerConfig
 from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.geometry import PlacedScan, PoseBelief
 from ogm_mcmc.io.world_files import load_world
 from ogm_mcmc.lab.benchmarks.online import time_online
+from ogm_mcmc.lab.benchmarks.refine import Patience, recorded_office, time_refining
 from ogm_mcmc.lab.benchmarks.sample import Effort, bag_config, scene_config, time_sampling
 from ogm_mcmc.lab.benchmarks.scene import generated_scene, load_scene
 from ogm_mcmc.lab.benchmarks.simulation import time_simulation
@@ -57,6 +60,15 @@ SAMPLE_RANGES = {
     'cell_prior': Range(1e-6, 1.0 - 1e-6),
 }
 
+REFINE_RANGES = {
+    'time': Range(0.1, 1e6, 's'),
+    'better_time': Range(0.1, 1e6, 's'),
+    'resolution': Range(0.001, 10, 'm'),
+}
+
+# The recorded scene has a noise of two cells.
+SCENE_CELLS = 2.0
+
 
 def add_to(subparsers: Subparsers) -> None:
     """Declare the command."""
@@ -77,6 +89,7 @@ def add_to(subparsers: Subparsers) -> None:
     add_stream_options(online)
     online.set_defaults(run=run_online)
     _add_sample(cases)
+    _add_refine(cases)
     simulate = cases.add_parser('simulate', help='beams through cells, and a whole data set')
     simulate.add_argument('--world', default='building-5', help='as for the command simulate')
     simulate.add_argument('--beams', type=int, default=180)
@@ -107,6 +120,65 @@ def _add_sample(cases: Subparsers) -> None:
     add_config_options(sample, 'placing', PlacingConfig)
     add_stream_options(sample)
     sample.set_defaults(run=run_sample)
+
+
+def _add_refine(cases: Subparsers) -> None:
+    refine = cases.add_parser(
+        'refine',
+        help='seconds until chains agree and until a map is better than the live one, effective '
+        'samples per second: the scene, a simulated office, and a bag',
+    )
+    refine.add_argument('bag', nargs='?', type=Path, help='bag to refine as well')
+    refine.add_argument('--scene', type=Path, help='NPZ of the scene; default: a generated one')
+    refine.add_argument('--only-bag', action='store_true', help='leave out scene and office')
+    refine.add_argument('--resolution', type=float, help='of the bag, m (default: 0.05)')
+    refine.add_argument(
+        '--no-return', choices=('clear', 'ignore'), help='of the bag: what +inf says '
+        '(default: ignore)',
+    )  # fmt: skip
+    refine.add_argument(
+        '--time', type=float, default=60.0, metavar='S', help='wait so long for agreement, s'
+    )
+    refine.add_argument(
+        '--better-time', type=float, default=10.0, metavar='S',
+        help='judge by held-out beams for so long, s',
+    )  # fmt: skip
+    refine.add_argument('--json', action='store_true', help='always JSON; accepted for symmetry')
+    add_config_options(refine, 'placing', PlacingConfig)
+    add_stream_options(refine)
+    refine.set_defaults(run=run_refine)
+
+
+def run_refine(options: argparse.Namespace) -> int:
+    """Run `bench refine`: the settings of `refine_server` as they come."""
+    check_options(options, REFINE_RANGES)
+    _refuse_without_bag(options, ('resolution', 'no_return'))
+    if options.only_bag and options.bag is None:
+        raise ConfigError('--only-bag: expected with a BAG')
+    patience = Patience(options.time, options.better_time)
+    result: dict[str, Any] = {}
+    if not options.only_bag:
+        scene = generated_scene() if options.scene is None else load_scene(options.scene)
+        cell = scene.resolution_m
+        noisy = RefineSamplerConfig(
+            model=ForwardModelConfig(sigma=SCENE_CELLS * cell), window=WindowConfig(cell)
+        )
+        result['scene'] = {
+            **time_refining(scene.placed, noisy, patience), 'source': scene.source,
+        }  # fmt: skip
+        office = time_refining(recorded_office(), RefineSamplerConfig(), patience)
+        result['office'] = {**office, 'source': 'simulated office'}
+    if options.bag is not None:
+        window = WindowConfig(
+            options.resolution or 0.05,
+            no_return=options.no_return or 'ignore',
+            max_memory_mb=1e6,
+        )
+        placed = read_bag(options, config_from(options, PlacingConfig)).placed
+        bag = time_refining(placed, RefineSamplerConfig(window=window), patience)
+        result['bag'] = {**bag, 'source': options.bag.name}
+    print(json.dumps(result))
+    return 0
 
 
 def run_sample(options: argparse.Namespace) -> int:

@@ -1,8 +1,9 @@
 """`evaluate MAP`: a map before its judges, as a table, JSON and a page of pictures.
 
 `--truth MAP` is the true map; `--beams BAG` are scans the map has not seen; `--pose X,Y,YAW` asks
-what a scan from there would tell. MAP is a map YAML or, better, the NPZ that `map` or `sample`
-writes: the image of a YAML knows no probabilities between 0 and 1.
+what a scan from there would tell; `--true-trajectory` and `--relations` judge poses. MAP is a map
+YAML or, better, the NPZ that `map` or `sample` writes: the image of a YAML knows no probabilities
+between 0 and 1.
 """
 
 from __future__ import annotations
@@ -18,6 +19,12 @@ import numpy as np
 from ogm_mcmc.cli.evaluate_answer import Answer, make_page
 from ogm_mcmc.cli.evaluate_beams import by_beams
 from ogm_mcmc.cli.evaluate_pose import from_pose, pose_inside, read_pose
+from ogm_mcmc.cli.evaluate_trajectory import (
+    add_trajectory_judges,
+    asks_for_poses,
+    by_trajectory,
+    check_trajectory_options,
+)
 from ogm_mcmc.cli.evaluate_truth import against_truth
 from ogm_mcmc.cli.options import (
     Subparsers,
@@ -64,7 +71,9 @@ def add_to(subparsers: Subparsers) -> None:
     parser = subparsers.add_parser(
         'evaluate', help='judge a map by the true one, by beams it has not seen, or by itself'
     )
-    parser.add_argument('map', type=Path, help='NPZ with probabilities, or map YAML')
+    parser.add_argument(
+        'map', type=Path, nargs='?', help='NPZ with probabilities, or map YAML; not for --estimate'
+    )
     asked = parser.add_argument_group('judges, at least one')
     asked.add_argument('--truth', type=Path, metavar='MAP', help='the true map, a file likewise')
     asked.add_argument(
@@ -76,6 +85,7 @@ def add_to(subparsers: Subparsers) -> None:
         help='entropy, and what a scan from there is expected to tell (m, m, rad; --pose=-1,2,0 '
         'where X is negative)',
     )  # fmt: skip
+    add_trajectory_judges(parser)
     parser.add_argument(
         '-o', dest='folder', type=Path, default=Path('out/evaluate'), metavar='DIR'
     )
@@ -99,17 +109,26 @@ def add_to(subparsers: Subparsers) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run the command."""
-    if options.truth is None and options.bag is None and options.pose is None:
+    of_map = any(judge is not None for judge in (options.truth, options.bag, options.pose))
+    if not of_map and not asks_for_poses(options) and options.estimate is None:
         raise ConfigError(
-            f'{options.map}: expected at least one of --truth MAP, --beams BAG, --pose X,Y,YAW'
+            f'{options.map or "no map"}: expected at least one of --truth MAP, --beams BAG, '
+            '--pose X,Y,YAW, --true-trajectory FILE, --relations FILE'
         )
+    if of_map and options.map is None:
+        raise ConfigError('no map: expected MAP, which --truth, --beams and --pose judge')
+    check_trajectory_options(options)
     if options.samples is not None and options.bag is None:
         raise ConfigError(f'--samples {options.samples}: expected --beams BAG to judge them by')
     config = build(EvaluationConfig, given(options, EvaluationConfig))
     checked_name(options.name)
     require_matplotlib()
-    grid_map = load_grid(options.map, options.max_cells)
-    answers = _answers(options, grid_map, config)
+    answers: dict[str, Answer] = {}
+    if asks_for_poses(options):
+        answers['poses'] = by_trajectory(options)
+    if of_map:
+        grid_map = load_grid(options.map, options.max_cells)
+        answers.update(_answers(options, grid_map, config))
     paths = _paths(options)
     named = {name: answer.figures for name, answer in answers.items() if name != 'truth'}
     against = answers['truth'].figures if 'truth' in answers else {}
@@ -118,14 +137,15 @@ def run(options: argparse.Namespace) -> int:
         settings.update(answer.settings)
     result = _finite(
         {
-            'map': str(options.map),
+            'map': None if options.map is None else str(options.map),
             **against,
             **named,
             'settings': settings,
             'files': {kind: str(path) for kind, path in paths.items()},
         }
     )
-    title = options.map.name + (f' against {options.truth.name}' if options.truth else '')
+    judged = options.map if options.map is not None else options.estimate
+    title = judged.name + (f' against {options.truth.name}' if options.truth else '')
     page = make_page(title, list(answers.values()), settings)
     with replacing(paths['json']) as json_file, replacing(paths['html']) as html_file:
         json_file.write_text(json.dumps(result, indent=2) + '\n', encoding='utf-8')

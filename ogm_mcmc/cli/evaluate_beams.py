@@ -9,10 +9,9 @@ import numpy as np
 from tqdm import tqdm
 
 from ogm_mcmc.arrays import AnyArray, Float64Array
-from ogm_mcmc.cli.bag_scans import read_bag
+from ogm_mcmc.cli.bag_scans import BagScans, read_bag
 from ogm_mcmc.cli.evaluate_answer import Answer
 from ogm_mcmc.config import HeldOutConfig, PlacingConfig, SamplerConfig, flatten
-from ogm_mcmc.engine.bag_scans import BagScans
 from ogm_mcmc.errors import BagError
 from ogm_mcmc.evaluation import (
     HeldOutBeams,

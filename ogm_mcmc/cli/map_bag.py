@@ -8,8 +8,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from tqdm import tqdm
-
+from ogm_mcmc.cli.bag_scans import placed_scans
 from ogm_mcmc.cli.options import (
     Subparsers,
     add_config_options,
@@ -17,13 +16,10 @@ from ogm_mcmc.cli.options import (
     add_stream_options,
     config_from,
     print_result,
-    stream_choice,
 )
 from ogm_mcmc.config import MapperConfig, OutputConfig, PlacingConfig, flatten
-from ogm_mcmc.engine.bag_scans import PlacedScans, choose_topics
 from ogm_mcmc.engine.saved_map import MapToSave, replacing_map
 from ogm_mcmc.files.output_files import checked_name, makeable_folder
-from ogm_mcmc.io.bags import BagReader
 from ogm_mcmc.io.map_files import save_npz, table_file
 from ogm_mcmc.pipeline import MappingPipeline
 
@@ -55,13 +51,10 @@ def run(options: argparse.Namespace) -> int:
     checked_name(options.name)
     makeable_folder(options.folder)
     started = time.perf_counter()
-    with BagReader(options.bag) as bag:
-        choice = stream_choice(options, placing, config)
-        topics = choose_topics(bag, choice)
-        with tqdm(total=topics.n_scans, unit=' scans', desc='map', disable=None) as bar:
-            scans = PlacedScans(bag, topics, choice, on_scan=bar.update)
-            for placed in scans:
-                pipeline.update(placed)
+    with placed_scans(options, placing, config, title='map') as scans:
+        for placed in scans:
+            pipeline.update(placed)
+    topics = scans.topics
     # A single sensor may well sit at mount.x, mount.y; several of them hardly do.
     frames = scans.frames
     mounted = {*placing.mount.named(), *scans.mounted_by_tf}

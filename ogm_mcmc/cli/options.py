@@ -156,4 +156,5 @@ def stream_choice(
         placing.mount,
         placing.max_speed,
         placing.max_turn_rate,
+        placing.deskew,
     )

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from tqdm import tqdm
 
-from ogm_mcmc.cli.bag_scans import read_bag
+from ogm_mcmc.cli.bag_scans import BagScans, read_bag
 from ogm_mcmc.cli.option_ranges import Range, check_options
 from ogm_mcmc.cli.options import (
     Subparsers,
@@ -33,12 +33,12 @@ from ogm_mcmc.config import (
     PosesConfig,
     RecordingConfig,
     SamplerConfig,
+    ShownConfig,
     StopConfig,
     flatten,
     settings_of,
 )
-from ogm_mcmc.config.nodes import REFINE_CONFIGS
-from ogm_mcmc.engine.bag_scans import BagScans
+from ogm_mcmc.config.nodes import REFINE_CONFIGS, RefineSamplerConfig
 from ogm_mcmc.engine.joint_poses import PoseRefinement
 from ogm_mcmc.engine.refinement import Progress, Recording, Refinement, warm_up
 from ogm_mcmc.errors import ConfigError, OutputError
@@ -49,21 +49,23 @@ from ogm_mcmc.lab.cluster import connected, distribute
 
 __all__ = ['add_to']
 
+# The same classes, and so the same defaults, as in `refine_server`.
 CONFIGS = (
-    SamplerConfig,
+    RefineSamplerConfig,
     StopConfig,
-    PosesConfig,
     RecordingConfig,
     OutputConfig,
+    ShownConfig,
+    PosesConfig,
     PlacingConfig,
 )
 
-RANGES = {'samples': Range(0), 'thin': Range(1), 'margin': Range(0, 0.5, below=True)}
+RANGES = {'samples': Range(0), 'thin': Range(1)}
 
 # A dotted name goes by its last part too, but where that says too little or something else.
 SHORT = {
     leaf.name: f'--{leaf.name.rpartition(".")[2].replace("_", "-")}'
-    for leaf in settings_of(SamplerConfig)
+    for leaf in settings_of(RefineSamplerConfig)
     if not leaf.name.startswith('patch.')
 } | {
     'model.kind': '--model',
@@ -71,6 +73,7 @@ SHORT = {
     'patch.prior': '--prior',
     'patch.size': '--patch-size',
     'patch.prior_file': '--prior-file',
+    'unknown_margin': '--margin',
 }
 
 
@@ -99,11 +102,6 @@ def add_to(subparsers: Subparsers) -> None:
     parser.add_argument(
         '--start-map', type=Path, metavar='FILE', help='map (.yaml, .npz) where chains start'
     )
-    parser.add_argument(
-        '--margin', type=float, default=0.03,
-        help='PGM and PNG: known where more certain than the prior by this and two standard '
-        'errors (default: 0.03)',
-    )  # fmt: skip
     add_config_options(parser, 'sampling', *CONFIGS, without=('output',), short=SHORT)
     add_stream_options(parser)
     add_max_cells(parser)
@@ -173,7 +171,8 @@ def _run(
     if poses is not None:
         result['trajectory'] = poses.figures()
     trajectory = None if poses is None else poses.trajectory()
-    sampled = SampledMaps(refinement, maps, options.margin, options.thin, trajectory)
+    margin = chosen.shown.unknown_margin
+    sampled = SampledMaps(refinement, maps, margin, options.thin, trajectory)
     result['files'] = write_all(sampled, chosen.output, result, options.folder, options.name)
     print_result(options, result, _text(result))
     return 0
@@ -186,6 +185,7 @@ class _Chosen(NamedTuple):
     stop: StopConfig
     recording: RecordingConfig
     output: OutputConfig
+    shown: ShownConfig
     placing: PlacingConfig
     poses: PosesConfig
 
@@ -194,10 +194,11 @@ def _chosen(options: argparse.Namespace) -> _Chosen:
     # The YAML of refine_server may name what belongs to its rim: of no use here, but no mistake.
     read = partial(config_from, options, node='refine_server', node_configs=REFINE_CONFIGS)
     return _Chosen(
-        read(SamplerConfig),
+        read(RefineSamplerConfig),
         read(StopConfig),
         read(RecordingConfig),
         read(OutputConfig),
+        read(ShownConfig),
         read(PlacingConfig),
         read(PosesConfig),
     )
@@ -216,7 +217,6 @@ def _refuse_unused(options: argparse.Namespace, chosen: _Chosen) -> None:
 def _settings(options: argparse.Namespace, chosen: _Chosen) -> dict[str, Any]:
     return {
         **{name: value for config in chosen for name, value in flatten(config).items()},
-        'margin': options.margin,
         'thin': options.thin,
         'start_map': None if options.start_map is None else str(options.start_map),
     }

@@ -1,6 +1,7 @@
 """`simulate WORLD -o BAG`: a recording from a simulated building, and the truth beside it.
 
 BAG_truth.pgm, .yaml and .png are the true map, BAG_poses.csv holds the true pose of every scan.
+With --drive BAG_trajectory.tum holds the true poses of the nodes that a SLAM system would keep.
 With sonars BAG_sonars.yaml says where they sit, as `map --params-file` takes it.
 """
 
@@ -16,6 +17,7 @@ from tqdm import tqdm
 
 from ogm_mcmc.cli.option_ranges import Range, check_options
 from ogm_mcmc.cli.options import Subparsers, add_json, add_max_cells, print_result
+from ogm_mcmc.cli.simulated_drive import add_drive_options, check_drive_options, driven
 from ogm_mcmc.cli.simulated_sensor import add_sensor_options, check_sensor_options, sensor_from
 from ogm_mcmc.cli.simulated_world import (
     add_world_options,
@@ -29,11 +31,14 @@ from ogm_mcmc.files.output_files import makeable_folder
 from ogm_mcmc.files.user_paths import user_path
 from ogm_mcmc.geometry import GridMap, Pose2D
 from ogm_mcmc.io.map_files import save_map
-from ogm_mcmc.io.recording_bag import write_localized, write_recording
+from ogm_mcmc.io.recording_bag import write_drive, write_localized, write_recording
 from ogm_mcmc.io.sonar_bag import write_sonar_parameters, write_sonar_recording
+from ogm_mcmc.io.trajectory_files import write_tum
 from ogm_mcmc.io.world_files import WORLD_NAMES, write_poses
 from ogm_mcmc.simulation import (
     Building,
+    DrivenScan,
+    GridWorld,
     Lidar,
     LocalizedScan,
     SonarRing,
@@ -59,6 +64,7 @@ def add_to(subparsers: Subparsers) -> None:
     parser.add_argument('--seed', type=int, default=1, help='seed of the way and of the noise')
     add_sensor_options(parser)
     add_world_options(parser)
+    add_drive_options(parser)
     add_max_cells(parser)
     add_json(parser)
     parser.set_defaults(run=run)
@@ -69,6 +75,7 @@ def run(options: argparse.Namespace) -> int:
     check_options(options, {'seed': Range(0)})
     check_sensor_options(options)
     check_world_options(options)
+    check_drive_options(options)
     sensor, truth, scans = _recording(options)
     output = options.output
     if not output.name:
@@ -76,9 +83,14 @@ def run(options: argparse.Namespace) -> int:
     beside = _files_beside(options, sensor)
     makeable_folder(output.parent)
     poses: dict[int, Pose2D] = {}
+    nodes: list[int] = []
     with tqdm(scans, unit=' scans', desc='simulate', disable=None) as bar:
-        count = _write_bag(options, sensor, _noted(bar, sensor, poses))
+        count = _write_bag(options, sensor, _noted(bar, sensor, poses, nodes))
     write_poses(beside['poses'], poses.items())
+    if options.drive:
+        write_tum(beside['trajectory'], nodes, (poses[stamp_ns] for stamp_ns in nodes))
+    elif options.overwrite:
+        _beside(output, '_trajectory.tum').unlink(missing_ok=True)
     if isinstance(sensor, SonarRing):
         write_sonar_parameters(beside['sonars'], sensor)
     elif options.overwrite:
@@ -100,6 +112,8 @@ def _files_beside(options: argparse.Namespace, sensor: Lidar | SonarRing) -> dic
     """Return the files to come. Raises OutputError where one is there and may not be replaced."""
     suffixes = {'pgm': '_truth.pgm', 'truth': '_truth.yaml', 'png': '_truth.png'}
     suffixes['poses'] = '_poses.csv'
+    if options.drive:
+        suffixes['trajectory'] = '_trajectory.tum'
     if isinstance(sensor, SonarRing):
         suffixes['sonars'] = '_sonars.yaml'
     beside = {name: _beside(options.output, suffix) for name, suffix in suffixes.items()}
@@ -118,6 +132,8 @@ def _write_bag(
 ) -> int:
     """Write the bag; return the number of scans or readings."""
     output, overwrite = options.output, options.overwrite
+    if options.drive:
+        return write_drive(output, scans, overwrite=overwrite)
     if options.localize:
         return write_localized(output, scans, particles=options.particles, overwrite=overwrite)
     if isinstance(sensor, SonarRing):
@@ -126,16 +142,25 @@ def _write_bag(
 
 
 def _noted(
-    scans: Iterable[Any], sensor: Lidar | SonarRing, poses: dict[int, Pose2D]
+    scans: Iterable[Any],
+    sensor: Lidar | SonarRing,
+    poses: dict[int, Pose2D],
+    nodes: list[int],
 ) -> Iterator[Any]:
-    """Pass scans on and note the robot's true pose by stamp: sonars of one stamp share it."""
+    """Pass scans on and note the robot's true pose by stamp, and the stamps of nodes.
+
+    Sonars of one stamp share the pose.
+    """
     mounts = sensor.mounts() if isinstance(sensor, SonarRing) else {}
     for one in scans:
-        scan, pose = (
-            (one.placed.scan, one.truth)
-            if isinstance(one, LocalizedScan)
-            else (one.scan, one.pose)
-        )
+        if isinstance(one, DrivenScan):
+            scan, pose = one.scan, one.truth
+            if one.is_node:
+                nodes.append(scan.stamp_ns)
+        elif isinstance(one, LocalizedScan):
+            scan, pose = one.placed.scan, one.truth
+        else:
+            scan, pose = one.scan, one.pose
         if scan.frame_id in mounts:
             pose = pose.compose(mounts[scan.frame_id].inverse())
         poses.setdefault(scan.stamp_ns, pose)
@@ -150,8 +175,10 @@ def _recording(
     cell_m = options.resolution if isinstance(world, Building) else world.spec.resolution_m
     sensor = sensor_from(options, cell_m)
     rng = np.random.default_rng(options.seed)
+    if isinstance(sensor, Lidar) and options.drive:
+        return sensor, _truth(options, world), driven(options, world, sensor, rng)
     if isinstance(world, Building):
-        truth = rasterised(world, options.resolution)
+        truth = _truth(options, world)
         if isinstance(sensor, SonarRing):
             return sensor, truth, record_with_sonars(world, sensor, rng)
         return sensor, truth, record(world, sensor, rng)
@@ -159,6 +186,10 @@ def _recording(
     depth = options.depth
     if isinstance(sensor, SonarRing):
         scans = record_exploration_with_sonars(world, sensor, exploration, rng, depth=depth)
-        return sensor, world.truth(), scans
+        return sensor, _truth(options, world), scans
     make = record_localized if options.localize else record_exploration
-    return sensor, world.truth(), make(world, sensor, exploration, rng, depth=depth)
+    return sensor, _truth(options, world), make(world, sensor, exploration, rng, depth=depth)
+
+
+def _truth(options: argparse.Namespace, world: Building | GridWorld) -> GridMap:
+    return rasterised(world, options.resolution) if isinstance(world, Building) else world.truth()

@@ -28,7 +28,7 @@ def _of_cells(default: Any) -> Use:
 # Of the namespace; an option that was not given is None there until `check_world_options`.
 USES = {
     'world_seed': Use(('building',), 'building-1 to building-10', 0),
-    'resolution': Use(('walls', 'image'), 'office or an image', 0.05),
+    'resolution': Use(('walls', 'image'), 'office, ring or an image', 0.05),
     'unknown': Use(('map', 'image'), 'a map YAML, an NPZ or an image', 'occupied'),
     'depth': _of_cells(0.5),
     'radius': _of_cells(0.25),

@@ -234,9 +234,10 @@ class OutputConfig:
     """How probabilities become an OccupancyGrid or a map file."""
 
     output: str = setting(
-        'probability',
-        'probability: 0..100 in every measured cell; trinary: 0, 100 or unknown',
-        choices=('probability', 'trinary'),
+        'trinary',
+        'what `map` and `map_refined` hold; trinary: 0, 100 or unknown, which planners need: for '
+        'Nav2 every value from 1 to 99 is free space; probability: 0..100 in every measured cell',
+        choices=('trinary', 'probability'),
         live=True,
     )
     occupied_thresh: float = setting(
@@ -263,7 +264,7 @@ class OutputConfig:
 
 @dataclass(frozen=True)
 class MountConfig:
-    """Where the sensor sits in the base frame; see `mount_source`."""
+    """Where the sensor sits in the base frame; used with `mount_source: parameters`."""
 
     x: float = setting(0.0, 'sensor ahead of the base, m', low=-100.0, high=100.0)
     y: float = setting(0.0, 'sensor to the left of the base, m', low=-100.0, high=100.0)
@@ -317,6 +318,12 @@ class PlacingConfig:
         low=0.01,
         high=1e6,
         live=True,
+    )
+    deskew: str = setting(
+        'auto',
+        'beams at their own times: auto where the scan names time_increment; on: from scan_time '
+        'as well; off: all at the stamp of the scan',
+        choices=('auto', 'on', 'off'),
     )
     mount: MountConfig = MountConfig()
 

@@ -13,6 +13,7 @@ from ogm_mcmc.config import (
     PlacingConfig,
     RecordingConfig,
     SamplerConfig,
+    ShownConfig,
     StopConfig,
     build,
     check_bounds,
@@ -20,7 +21,6 @@ from ogm_mcmc.config import (
     setting,
     settings_of,
 )
-from ogm_mcmc.config.pose_sources import POSE_SOURCES, POSE_SOURCES_TEXT
 
 __all__ = [
     'LIVE_PARAMETERS',
@@ -48,23 +48,21 @@ def live_parameters(configs: Iterable[type]) -> frozenset[str]:
 class IntakeConfig:
     """How a node receives scans and poses."""
 
-    map_frame: str = setting(
-        'map', 'frame of the map and of the poses; with pose_source odom that of the odometry'
-    )
+    map_frame: str = setting('map', 'frame of the map and of the poses')
     base_frame: str = setting(
-        'base_link', 'frame the poses are of and sensors sit on; odometry names its own'
+        'base_link', 'frame the poses are of (pose_source tf, mount from tf)'
     )
     sensor_frame: str = setting('', 'scans must carry this frame_id; empty: any')
     pose_source: str = setting(
         'pose',
-        f'where poses come from, and the topic: {POSE_SOURCES_TEXT}',
-        choices=tuple(POSE_SOURCES),
+        'pose: PoseWithCovarianceStamped; particles: PoseArray; particle_cloud: ParticleCloud, '
+        'where nav2_msgs is installed; tf: where tf2_ros is installed',
+        choices=('pose', 'particles', 'particle_cloud', 'tf'),
     )
     mount_source: str = setting(
-        'auto',
-        'where sensors sit: mount.* parameters, or tf from base_frame to the frame of the scan; '
-        'auto: the parameters if they name a place, else tf where it is there',
-        choices=('auto', 'parameters', 'tf'),
+        'parameters',
+        'where the sensor sits: mount.* parameters, or tf from base_frame to the scan frame',
+        choices=('parameters', 'tf'),
     )
     transform_timeout: float = setting(
         1.0,
@@ -75,21 +73,6 @@ class IntakeConfig:
     )
     max_waiting_scans: int = setting(
         1000, 'scans that may wait for a pose at once; the oldest go first', low=1, high=100000
-    )
-    stale_after: float = setting(
-        10.0,
-        'without a scan that can be used for so long the diagnostics say ERROR, s',
-        low=0.1,
-        high=86400.0,
-        live=True,
-    )
-    correction_warning: float = setting(
-        0.3,
-        'a step of map -> odom that moves the robot, or a wall 3 m away, by more than this at '
-        'once is warned about: older scans may lie wrong; 0: never, m',
-        low=0.0,
-        high=1e6,
-        live=True,
     )
 
     def __post_init__(self) -> None:
@@ -127,7 +110,7 @@ LIVE_PARAMETERS = live_parameters(NODE_CONFIGS)
 
 @dataclass(frozen=True)
 class RefineServerConfig:
-    """When `refine_server` publishes, what it shows, and where it saves."""
+    """When `refine_server` publishes, and where it saves."""
 
     map_update_interval: float = setting(
         1.0, 'time between published maps while sampling, s', low=0.02, high=3600.0, live=True
@@ -137,14 +120,6 @@ class RefineServerConfig:
         'while nobody listens, the latched map is renewed at this interval, s',
         low=0.1,
         high=86400.0,
-        live=True,
-    )
-    unknown_margin: float = setting(
-        0.02,
-        'cells are unknown (-1) unless max(p, 1 - p) exceeds that of the prior by this; below 0 '
-        'shows less certain ones, never those of which no beam says anything',
-        low=-0.5,
-        high=0.5,
         live=True,
     )
     niceness: int = setting(
@@ -168,7 +143,7 @@ LEARNED = PatchConfig(prior='border', size=9)
 
 @dataclass(frozen=True)
 class RefineSamplerConfig(SamplerConfig):
-    """As for `sample`, but with the learned prior: walls also where no beam has been."""
+    """Defaults of `refine_server` and `sample`: the learned prior, walls also between beams."""
 
     patch: PatchConfig = LEARNED
 
@@ -178,6 +153,7 @@ REFINE_CONFIGS = (
     StopConfig,
     RecordingConfig,
     OutputConfig,
+    ShownConfig,
     PlacingConfig,
     IntakeConfig,
     RefineServerConfig,

@@ -14,6 +14,7 @@ __all__ = [
     'PatchConfig',
     'RecordingConfig',
     'SamplerConfig',
+    'ShownConfig',
     'StopConfig',
     'WindowConfig',
     'check_limits',
@@ -225,12 +226,34 @@ class PatchConfig:
 
 @dataclass(frozen=True)
 class SamplerConfig:
-    """Everything that decides the samples of a given set of scans."""
+    """Everything that decides the samples of a given set of scans.
+
+    By itself it is the sampler of independent cells ([gibbs]); node and command start from
+    `nodes.RefineSamplerConfig`.
+    """
 
     model: ForwardModelConfig = ForwardModelConfig()
     window: WindowConfig = WindowConfig()
     chain: ChainConfig = ChainConfig()
     patch: PatchConfig = PatchConfig()
+
+
+@dataclass(frozen=True)
+class ShownConfig:
+    """Which cells of a posterior mean are shown as known."""
+
+    unknown_margin: float = setting(
+        0.02,
+        'cells are unknown (-1) unless max(p, 1 - p) exceeds that of the prior by this; below 0 '
+        'shows less certain ones, never those of which no beam says anything',
+        low=-0.5,
+        high=0.5,
+        live=True,
+    )
+
+    def __post_init__(self) -> None:
+        """Refuse what is out of bounds."""
+        check_bounds(self)
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -26,12 +27,11 @@ from ogm_mcmc.io.tf_messages import TF_TYPES, is_static, read_transforms
 
 __all__ = [
     'POSE_TYPES',
-    'BagScans',
     'PlacedScans',
     'StreamChoice',
     'StreamTopics',
     'choose_topics',
-    'read_scans',
+    'open_scans',
 ]
 
 POSE_TYPES = {
@@ -57,6 +57,7 @@ class StreamChoice:
     mounts: MountConfig = MountConfig()  # noqa: RUF009 - frozen
     max_speed_m_s: float = MAX_SPEED_M_S
     max_turn_rad_s: float = MAX_TURN_RAD_S
+    deskew: str = 'auto'
 
 
 class StreamTopics(NamedTuple):
@@ -155,7 +156,9 @@ class PlacedScans:
                     f'{self.topics.scan.name}: expected map -> odom -> base -> sensor in tf'
                 )
             source = self._tf
-        self.placer = ScanPlacer(source, timeout_s=1.0, max_waiting=1_000_000)
+        self.placer = ScanPlacer(
+            source, timeout_s=1.0, max_waiting=1_000_000, deskew=self.choice.deskew
+        )
 
     def _read_tf(self) -> TfPoses | None:
         """Return the transforms of the bag; None where they do not lead to the sensor.
@@ -220,9 +223,7 @@ class PlacedScans:
         self.placed += 1
         frame = taken.scan.frame_id
         self.frames.add(frame)
-        return PlacedScan.on_robot(
-            taken.scan, taken.belief, self._mount(frame, taken.scan.stamp_ns)
-        )
+        return taken.on_mount(self._mount(frame, taken.scan.stamp_ns))
 
     def _mount(self, frame: str, stamp_ns: int) -> SensorMount:
         by_parameters = self.choice.mounts != MountConfig()
@@ -239,23 +240,11 @@ class PlacedScans:
             raise BagError(f'{where}: frame_id is {frame!r}: expected {expected!r} as before')
 
 
-class BagScans(NamedTuple):
-    """All placed scans of a bag, the topics they came from, and what was dropped, by reason."""
+@contextlib.contextmanager
+def open_scans(path: Path, choice: StreamChoice) -> Iterator[PlacedScans]:
+    """Open a bag and yield its scans, to be iterated over while it is open.
 
-    placed: list[PlacedScan]
-    topics: StreamTopics
-    dropped: dict[str, int]
-
-
-def read_scans(
-    path: Path, choice: StreamChoice, progress: Callable[[int], Callable[[], object]]
-) -> BagScans:
-    """Read and place all scans of a bag; `progress(n)` gives what is called after each of n.
-
-    Raises BagError when none can be placed.
+    Raises BagError that says what is missing.
     """
     with BagReader(path) as bag:
-        topics = choose_topics(bag, choice)
-        scans = PlacedScans(bag, topics, choice, on_scan=progress(topics.n_scans))
-        placed = list(scans)
-    return BagScans(placed, topics, dict(scans.placer.dropped))
+        yield PlacedScans(bag, choose_topics(bag, choice), choice)

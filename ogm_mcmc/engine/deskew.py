@@ -1,72 +1,75 @@
-"""Scans taken on the move, cut into pieces that each have the pose of their own time.
+"""Scans taken on the move, bent so that all of their beams are seen from one place.
 
 A lidar that turns ten times a second on a robot that turns by 60 degrees a second smears a scan
 over 6 degrees. Every beam has a time of its own: that of the scan for the first, `time_increment`
-later for each one after (sensor_msgs/LaserScan). Beams next to each other are so close in time
-that one pose serves a run of them. The cut is as fine as the motion asks for, so that a robot
-that stands still keeps whole scans.
-
-To whom a scan is more than its beams (`fusion: per_scan`: each cell once a scan, a hit beats a
-miss) the pieces are scans of their own: a cell on the border of two may count twice.
+later for each one after (sensor_msgs/LaserScan). What a beam met is carried into the frame that
+the sensor had at the first beam; its distance and direction from there are the bent beam. So a
+scan stays one scan with one pose, and only the way to what it met is off, by no more than the
+sensor moved meanwhile.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
-from itertools import pairwise
 
-from ogm_mcmc.geometry import PoseBelief, Scan, wrap_angle
+import numpy as np
 
-__all__ = ['MAX_TURN_RAD', 'MAX_WAY_M', 'deskewed', 'last_stamp_ns']
+from ogm_mcmc.geometry import Pose2D, Scan
 
-# Within a piece the robot moves by no more: half of it either way of the pose used.
-MAX_TURN_RAD = math.radians(0.25)
-MAX_WAY_M = 0.02
+__all__ = ['bent', 'last_stamp_ns', 'time_between_beams']
+
+# A sweep in which the sensor moves less is left as it is.
+LEAST_TURN_RAD = math.radians(0.01)
+LEAST_WAY_M = 0.001
+
+# Times of beams that go so far beyond `scan_time` contradict it.
+SLACK = 1.1
 
 
-def last_stamp_ns(scan: Scan, time_increment_s: float) -> int:
-    """Return when the last beam was measured: up to here poses have to be known."""
-    return _stamp_ns(scan, time_increment_s, scan.ranges_m.size - 1)
+def time_between_beams(scan: Scan, deskew: str) -> float:
+    """Return the time from one beam to the next in s; 0 for a scan to be taken as it is.
 
-
-def deskewed(
-    scan: Scan,
-    time_increment_s: float,
-    belief_at: Callable[[int], PoseBelief],
-    *,
-    max_turn_rad: float = MAX_TURN_RAD,
-    max_way_m: float = MAX_WAY_M,
-) -> list[tuple[Scan, PoseBelief]]:
-    """Return the scan in pieces, each stamped with the middle of its time, and their poses.
-
-    `time_increment_s`: between neighbouring beams; 0 for a scan taken at once, which comes back
-    as it is. `belief_at(stamp_ns)` may raise what a `PoseSource` raises, for any stamp from that
-    of the scan to `last_stamp_ns`. A piece spans no more than `max_turn_rad` and `max_way_m` of
-    an even motion, so that no beam is off by more than half of them.
+    `deskew` auto: where `time_increment` names it, unless a sweep would last longer than
+    `scan_time` says. on: elsewhere as well, from `scan_time` as the time of a full turn (auto
+    does not: simulators name it for scans taken at once). off: never.
     """
-    count = scan.ranges_m.size
-    if time_increment_s == 0.0 or count == 1:
-        return [(scan, belief_at(scan.stamp_ns))]
-    first = belief_at(scan.stamp_ns).mean
-    last = belief_at(last_stamp_ns(scan, time_increment_s)).mean
-    turn_rad = abs(wrap_angle(last.yaw_rad - first.yaw_rad))
-    way_m = math.hypot(last.x_m - first.x_m, last.y_m - first.y_m)
-    pieces = min(count, max(1, math.ceil(max(turn_rad / max_turn_rad, way_m / max_way_m))))
-    bounds = [count * k // pieces for k in range(pieces + 1)]
-    cut = []
-    for begin, end in pairwise(bounds):
-        stamp_ns = _stamp_ns(scan, time_increment_s, (begin + end - 1) / 2)
-        piece = replace(
-            scan,
-            ranges_m=scan.ranges_m[begin:end],
-            angle_min_rad=scan.angle_min_rad + begin * scan.angle_increment_rad,
-            stamp_ns=stamp_ns,
-        )
-        cut.append((piece, belief_at(stamp_ns)))
-    return cut
+    if deskew == 'off' or scan.ranges_m.size < 2:
+        return 0.0
+    increment, sweep = scan.time_increment_s, scan.scan_time_s
+    if deskew == 'on':
+        return increment or sweep * abs(scan.angle_increment_rad) / (2.0 * math.pi)
+    if 0.0 < sweep * SLACK < increment * (scan.ranges_m.size - 1):
+        return 0.0
+    return increment
 
 
-def _stamp_ns(scan: Scan, time_increment_s: float, beam: float) -> int:
-    return scan.stamp_ns + round(beam * time_increment_s * 1e9)
+def last_stamp_ns(scan: Scan, time_between_beams_s: float) -> int:
+    """Return when the last beam was measured: up to here poses have to be known."""
+    return scan.stamp_ns + round((scan.ranges_m.size - 1) * time_between_beams_s * 1e9)
+
+
+def bent(scan: Scan, way: Pose2D) -> Scan:
+    """Return the scan as the sensor would have given it from where it was at the first beam.
+
+    `way`: where the sensor was at the last beam, seen from there; between, it moved evenly. A
+    reading within the limits stays within them, and one that says nothing as it is.
+    """
+    if abs(way.yaw_rad) < LEAST_TURN_RAD and math.hypot(way.x_m, way.y_m) < LEAST_WAY_M:
+        return scan
+    part = np.linspace(0.0, 1.0, scan.ranges_m.size)
+    direction = scan.bearings() + part * way.yaw_rad
+    ranges = scan.ranges_m.astype(np.float64)
+    hit = (ranges >= scan.range_min_m) & (ranges <= scan.range_max_m)
+    # What met nothing is bent for where it ends, if that is known.
+    lengths = np.where(hit, ranges, scan.range_max_m)
+    known = np.isfinite(lengths)
+    lengths[~known] = 0.0
+    ahead = part * way.x_m + lengths * np.cos(direction)
+    left = part * way.y_m + lengths * np.sin(direction)
+    moved = np.clip(np.hypot(ahead, left), scan.range_min_m, scan.range_max_m)
+    return replace(
+        scan,
+        ranges_m=np.where(hit, moved, ranges).astype(np.float32),
+        bearings_rad=np.where(known, np.arctan2(left, ahead), direction),
+    )

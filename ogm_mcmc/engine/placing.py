@@ -17,9 +17,18 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from ogm_mcmc.config import MountConfig
+from ogm_mcmc.engine.deskew import bent, last_stamp_ns, time_between_beams
 from ogm_mcmc.engine.recent import Recent
 from ogm_mcmc.errors import PoseError
-from ogm_mcmc.geometry import Pose2D, PoseBelief, PoseSamples, Scan, SensorMount, interpolate
+from ogm_mcmc.geometry import (
+    PlacedScan,
+    Pose2D,
+    PoseBelief,
+    PoseSamples,
+    Scan,
+    SensorMount,
+    interpolate,
+)
 from ogm_mcmc.geometry.motion import MAX_SPEED_M_S, MAX_TURN_RAD_S, jumps
 
 __all__ = ['DROP_REASONS', 'PoseHistory', 'PoseSource', 'RobotScan', 'ScanPlacer', 'sensor_mount']
@@ -36,7 +45,7 @@ RESTART_AFTER = 10
 PATIENCE = 10.0
 
 DROP_REASONS = {
-    'scan_out_of_order': 'its stamp is not later than the scan before it',
+    'scan_out_of_order': 'it is older than the scan before it, or the same scan again',
     'scan_jumped_back': 'its stamp is more than 1 s before the scan before it, or again and again',
     'pose_out_of_order': 'the pose is not later than the pose before it',
     'pose_jumped_back': 'the pose goes back more than 1 s, or again and again; history restarted',
@@ -84,10 +93,6 @@ class MountSource(Protocol):
 
     def at(self, frame: str, stamp_ns: int, now_s: float) -> SensorMount:
         """Return the mount of a frame at a stamp; raises Waiting or Unplaceable."""
-        ...
-
-    def restart(self, stamp_ns: int) -> None:
-        """Forget what moves ahead of a stamp: time started again there."""
         ...
 
 
@@ -184,12 +189,24 @@ def _between(earlier: PoseBelief, later: PoseBelief, fraction: float) -> PoseBel
 class RobotScan(NamedTuple):
     """A scan as its sensor gave it, and the belief about the *robot's* pose at its stamp.
 
-    It becomes a `PlacedScan` where the mount of the sensor is known (None: not asked for).
+    It becomes a `PlacedScan` where the mount of the sensor is known (None: not asked for). `way`:
+    where the robot was at the last beam, seen from where it was at the first; None where nothing
+    is to be bent.
     """
 
     scan: Scan
     belief: PoseBelief
     mount: SensorMount | None = None
+    way: Pose2D | None = None
+
+    def on_mount(self, mount: SensorMount | None = None) -> PlacedScan:
+        """Place the scan by its mount (or this one), bent by the robot's way meanwhile."""
+        mount = mount or self.mount or SensorMount()
+        placed = PlacedScan.on_robot(self.scan, self.belief, mount)
+        if self.way is None:
+            return placed
+        way = mount.pose.inverse().compose(self.way).compose(mount.pose)
+        return placed._replace(scan=bent(placed.scan, way))
 
 
 class _Queued(NamedTuple):
@@ -202,7 +219,8 @@ class ScanPlacer:
 
     `timeout_s` bounds how long a scan waits after it and the last new pose came in (ten times as
     long in all), `max_waiting` how many wait at once. With `mounts` a scan waits for that of its
-    sensor as well. `on_drop(reason, scan or None)` is told of everything dropped.
+    sensor as well, with `deskew` (auto, on; see `ogm_mcmc.engine.deskew`) for the pose of its
+    last beam. `on_drop(reason, scan or None)` is told of everything dropped.
     """
 
     def __init__(
@@ -212,16 +230,19 @@ class ScanPlacer:
         timeout_s: float = 1.0,
         max_waiting: int = 1000,
         mounts: MountSource | None = None,
+        deskew: str = 'off',
         on_drop: Callable[[str, Scan | None], None] | None = None,
     ) -> None:
         self.source = source
         self.timeout_s = timeout_s
         self.max_waiting = max_waiting
         self.mounts = mounts
+        self.deskew = deskew
         self.on_drop = on_drop
         self.dropped: Counter[str] = Counter()
         self._waiting: deque[_Queued] = deque()
         self._last_stamp_ns: Recent[int] = Recent()
+        self._newest: Scan | None = None
         self._late: Recent[int] = Recent()  # by frame, in a row
         self._last_pose_s = -float('inf')
 
@@ -238,7 +259,7 @@ class ScanPlacer:
     def add_scan(self, scan: Scan, now_s: float = 0.0) -> None:
         """Queue a scan; `now_s` is the time of arrival on any steady clock."""
         last = self._last_stamp_ns.get(scan.frame_id)
-        if last is not None and scan.stamp_ns <= last:
+        if last is not None and (scan.stamp_ns < last or _same(scan, self._newest)):
             in_a_row = self._late.get(scan.frame_id, 0) + (scan.stamp_ns < last)
             self._late[scan.frame_id] = in_a_row
             if last - scan.stamp_ns <= RESTART_NS and in_a_row <= RESTART_AFTER:
@@ -250,6 +271,7 @@ class ScanPlacer:
             self.drop('scan_jumped_back', scan)
             return
         self._last_stamp_ns[scan.frame_id] = scan.stamp_ns
+        self._newest = scan
         self._late[scan.frame_id] = 0
         if len(self._waiting) >= self.max_waiting:
             self.drop('queue_full', self._waiting.popleft().scan)
@@ -284,13 +306,12 @@ class ScanPlacer:
             if last > stamp_ns + RESTART_NS:
                 del self._last_stamp_ns[frame]
         self.source.restart(stamp_ns)
-        if self.mounts is not None:
-            self.mounts.restart(stamp_ns)
 
     def clear(self) -> None:
         """Forget waiting scans and poses, not the counts."""
         self._waiting.clear()
         self._last_stamp_ns.clear()
+        self._newest = None
         self.source.clear()
 
     def flush(self) -> Iterator[RobotScan]:
@@ -301,13 +322,15 @@ class ScanPlacer:
         """Yield every scan whose pose is known; drop what waited too long or has no place."""
         while self._waiting:
             scan, arrived_s = self._waiting[0]
+            waited_s = now_s - arrived_s
+            since_pose_s = now_s - max(arrived_s, self._last_pose_s)
+            patient = since_pose_s <= self.timeout_s and waited_s <= PATIENCE * self.timeout_s
             try:
                 belief = self.source.at(scan.stamp_ns)
                 mount = self._mount(scan, now_s)
+                way = self._way(scan, belief, patient)
             except Waiting:
-                waited_s = now_s - arrived_s
-                since_pose_s = now_s - max(arrived_s, self._last_pose_s)
-                if since_pose_s <= self.timeout_s and waited_s <= PATIENCE * self.timeout_s:
+                if patient:
                     return
                 self._waiting.popleft()
                 self.drop('pose_timeout', scan)
@@ -319,12 +342,39 @@ class ScanPlacer:
                 self.drop('pose_unusable', scan)
             else:
                 self._waiting.popleft()
-                yield RobotScan(scan, belief, mount)
+                yield RobotScan(scan, belief, mount, way)
+
+    def _way(self, scan: Scan, belief: PoseBelief, patient: bool) -> Pose2D | None:
+        """Return the robot's way during a sweep, None where it is not asked for or not known."""
+        between_s = time_between_beams(scan, self.deskew)
+        if between_s == 0.0:
+            return None
+        last_ns = last_stamp_ns(scan, between_s)
+        try:
+            last = self.source.at(last_ns).mean
+        except Waiting:
+            if patient:
+                raise
+            return None
+        except (Unplaceable, PoseError):
+            return None
+        if jumps(belief.mean, last, last_ns - scan.stamp_ns):
+            return None
+        return belief.mean.inverse().compose(last)
 
     def _mount(self, scan: Scan, now_s: float) -> SensorMount | None:
         if self.mounts is None:
             return None
         return self.mounts.at(scan.frame_id, scan.stamp_ns, now_s)
+
+
+def _same(scan: Scan, before: Scan | None) -> bool:
+    """Return whether a scan came twice; several of one stamp are scans of their own."""
+    return (
+        before is not None
+        and (scan.stamp_ns, scan.frame_id) == (before.stamp_ns, before.frame_id)
+        and np.array_equal(scan.ranges_m, before.ranges_m, equal_nan=True)
+    )
 
 
 def sensor_mount(config: MountConfig, frame_id: str = '') -> SensorMount:

@@ -132,4 +132,6 @@ def fingerprint(scans: Sequence[PlacedScan]) -> str:
         )
         digest.update(np.array(numbers, np.float64).tobytes())
         digest.update(scan.ranges_m.tobytes())
+        if scan.bearings_rad is not None:
+            digest.update(scan.bearings_rad.tobytes())
     return digest.hexdigest()

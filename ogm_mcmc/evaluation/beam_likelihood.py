@@ -92,7 +92,7 @@ def beam_log_likelihood(
     parts = [np.empty(0)]
     for scan, belief in placed:
         beams = informative_beams(scan, no_return=no_return)
-        bearings = scan.angle_min_rad + scan.angle_increment_rad * np.flatnonzero(beams)
+        bearings = scan.bearings()[beams]
         reach = scan.range_max_m
         hits = first_hits(grid_map, belief.mean, bearings, reach, prior=prior, depth=depth)
         log_density = density_within(judge, reach)

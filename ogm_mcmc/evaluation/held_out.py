@@ -168,9 +168,7 @@ def _end_cells(scan: Scan, sensor: Pose2D, spec: GridSpec) -> Int64Array:
     """
     ranges = scan.ranges_m.astype(np.float64)
     lengths = np.where(ranges == np.inf, scan.range_max_m, ranges)
-    angles = (
-        sensor.yaw_rad + scan.angle_min_rad + scan.angle_increment_rad * np.arange(ranges.size)
-    )
+    angles = sensor.yaw_rad + scan.bearings()
     with np.errstate(invalid='ignore'):
         column = (sensor.x_m + lengths * np.cos(angles) - spec.origin_x_m) / spec.resolution_m
         row = (sensor.y_m + lengths * np.sin(angles) - spec.origin_y_m) / spec.resolution_m

@@ -23,6 +23,7 @@ __all__ = [
     'absolute_errors',
     'aligned_trajectory',
     'coverage',
+    'matched_stamps',
     'read_relations',
     'relation_errors',
     'relative_errors',
@@ -96,6 +97,20 @@ def coverage(off: AnyArray, deviations: AnyArray, width: float = 1.96) -> Float6
     """Return the share of errors (n, d) within so many standard deviations (n, d), each of d."""
     inside = np.abs(off) <= width * np.asarray(deviations)
     return np.asarray(inside.mean(axis=0), np.float64)
+
+
+def matched_stamps(
+    stamps_ns: Int64Array, others_ns: Int64Array, tolerance_s: float
+) -> tuple[Int64Array, Int64Array]:
+    """Return which of some stamps (K,) have which other one (L,) near by: the nearest, as evo.
+
+    Both increase. Both results have as many entries as there are pairs.
+    """
+    nearest, _ = _nearest(others_ns / 1e9, stamps_ns / 1e9)
+    # Nanoseconds of today do not fit into a float.
+    apart_s = np.abs(others_ns[nearest] - stamps_ns) / 1e9
+    used = np.flatnonzero(apart_s <= tolerance_s)
+    return used.astype(np.int64), nearest[used]
 
 
 def read_relations(path: Path, stamps_s: AnyArray, tolerance_s: float = 1e-3) -> Relations:

@@ -46,7 +46,8 @@ class Scan:
     `angle_min_rad + i * angle_increment_rad`, counter-clockwise seen from above the sensor.
     `beam_width_rad`: full angle of a beam that is a cone, 0 for a narrow one. Beam i was measured
     at `stamp_ns` + i * `time_increment_s`, and a sweep is taken every `scan_time_s`; 0: not known.
-    `range_max_m` is inf where the sensor does not say.
+    `range_max_m` is inf where the sensor does not say. `bearings_rad` (B,) stands in place of even
+    angles where beams are bent: seen from one place though the sensor moved during the sweep.
     """
 
     ranges_m: Float32Array
@@ -59,6 +60,7 @@ class Scan:
     beam_width_rad: float = 0.0
     time_increment_s: float = 0.0
     scan_time_s: float = 0.0
+    bearings_rad: Float64Array | None = None
 
     @classmethod
     def checked(
@@ -124,14 +126,17 @@ class Scan:
             float(scan_time_s),
         )
 
-    def n_informative(self) -> int:
-        """Return how many beams say something: a return within the limits, or inf."""
-        ranges = self.ranges_m
-        says = (ranges >= self.range_min_m) & (ranges <= self.range_max_m)
-        return int(np.count_nonzero(says | (ranges == np.inf)))
+    def bearings(self) -> Float64Array:
+        """Angles (B,) of the beams in the sensor's frame, rad."""
+        if self.bearings_rad is not None:
+            return self.bearings_rad
+        steps = np.arange(self.ranges_m.size, dtype=np.float64)
+        return np.asarray(self.angle_min_rad + self.angle_increment_rad * steps, np.float64)
 
     def directions(self) -> Float64Array:
         """Unit vectors (2, B) of the beams."""
+        if self.bearings_rad is not None:
+            return np.stack((np.cos(self.bearings_rad), np.sin(self.bearings_rad)))
         return beam_directions(self.angle_min_rad, self.angle_increment_rad, self.ranges_m.size)
 
     def flipped(self) -> Scan:
@@ -143,6 +148,17 @@ class Scan:
             self,
             angle_min_rad=-self.angle_min_rad,
             angle_increment_rad=-self.angle_increment_rad,
+            bearings_rad=None if self.bearings_rad is None else -self.bearings_rad,
+        )
+
+    def thinned(self, stride: int) -> Scan:
+        """Return every `stride`-th beam, the first among them."""
+        return replace(
+            self,
+            ranges_m=np.ascontiguousarray(self.ranges_m[::stride]),
+            angle_increment_rad=self.angle_increment_rad * stride,
+            time_increment_s=self.time_increment_s * stride,
+            bearings_rad=None if self.bearings_rad is None else self.bearings_rad[::stride],
         )
 
 

@@ -11,9 +11,9 @@ from ogm_mcmc.geometry import PlacedScan, Scan
 from ogm_mcmc.io import ros_types
 from ogm_mcmc.io.bags import BagWriter
 from ogm_mcmc.io.carmen_import import systematic
-from ogm_mcmc.simulation import LocalizedScan
+from ogm_mcmc.simulation import DrivenScan, LocalizedScan
 
-__all__ = ['write_localized', 'write_recording']
+__all__ = ['write_drive', 'write_localized', 'write_recording']
 
 
 def write_recording(path: Path, scans: Iterable[PlacedScan], *, overwrite: bool = False) -> int:
@@ -49,6 +49,27 @@ def write_localized(
             drawn = ros_types.pose_array(stamp, 'map', systematic(belief.particles, particles))
             bag.write('/particles', ros_types.PARTICLES, stamp, drawn)
             _write_scan(bag, scan)
+            count += 1
+    return count
+
+
+def write_drive(path: Path, scans: Iterable[DrivenScan], *, overwrite: bool = False) -> int:
+    """Write `scan`, `odom`, `pose` and, where a loop closes, `trajectory`; return how many scans.
+
+    Every message goes to the file as it comes: memory does not grow with the drive.
+    """
+    count = 0
+    with BagWriter(path, overwrite=overwrite) as bag:
+        for one in scans:
+            stamp = one.scan.stamp_ns
+            odom = ros_types.odometry(stamp, one.odometry, one.speed_m_s, one.turn_rad_s)
+            bag.write('/odom', ros_types.ODOMETRY, stamp, odom)
+            said = ros_types.pose_with_covariance(stamp, 'map', one.said, np.zeros((3, 3)))
+            bag.write('/pose', ros_types.POSE, stamp, said)
+            _write_scan(bag, one.scan)
+            if one.corrected is not None:
+                corrected = ros_types.path(stamp, 'map', *one.corrected)
+                bag.write('/trajectory', ros_types.PATH, stamp, corrected)
             count += 1
     return count
 

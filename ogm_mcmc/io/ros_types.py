@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ __all__ = [
     'ODOMETRY',
     'PARTICLES',
     'PARTICLE_CLOUD',
+    'PATH',
     'POSE',
     'POSE_STAMPED',
     'RANGE',
@@ -23,6 +25,7 @@ __all__ = [
     'TRANSFORMS',
     'laser_scan',
     'odometry',
+    'path',
     'pose_array',
     'pose_with_covariance',
     'range_reading',
@@ -35,6 +38,7 @@ PARTICLE_CLOUD = 'nav2_msgs/msg/ParticleCloud'
 RANGE = 'sensor_msgs/msg/Range'
 ODOMETRY = 'nav_msgs/msg/Odometry'
 POSE_STAMPED = 'geometry_msgs/msg/PoseStamped'
+PATH = 'nav_msgs/msg/Path'
 TRANSFORMS = 'tf2_msgs/msg/TFMessage'
 
 
@@ -89,6 +93,15 @@ def odometry(stamp_ns: int, pose: Pose2D, speed_m_s: float, turn_rad_s: float) -
         _with_covariance(pose, np.zeros((3, 3))),
         _make('geometry_msgs/msg/TwistWithCovariance', twist, np.zeros(36)),
     )
+
+
+def path(stamp_ns: int, frame_id: str, stamps_ns: Iterable[int], poses: Iterable[Pose2D]) -> Any:
+    """Path whose poses carry their own stamps."""
+    members = [
+        _make(POSE_STAMPED, _header(at_ns, frame_id), _pose(pose))
+        for at_ns, pose in zip(stamps_ns, poses, strict=True)
+    ]
+    return _make(PATH, _header(stamp_ns, frame_id), members)
 
 
 def laser_scan(

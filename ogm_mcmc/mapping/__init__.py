@@ -126,7 +126,6 @@ from ogm_mcmc.mapping.method import (
     extras_of,
     live_settings,
     make_method,
-    uses_covariance,
 )
 from ogm_mcmc.mapping.pose_uncertain import PoseUncertainMapper
 from ogm_mcmc.mapping.random_field import RandomFieldMapper
@@ -148,5 +147,4 @@ __all__ = [
     'extras_of',
     'live_settings',
     'make_method',
-    'uses_covariance',
 ]

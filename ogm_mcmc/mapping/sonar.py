@@ -36,11 +36,10 @@ class SonarMapper(LogOddsMapper):
         column, row, x, y = on_lattice(sonar, spec)
         opening = scan.beam_width_rad or self.config.sonar.opening_angle
         cones = []
-        for beam, reading in enumerate(scan.ranges_m.tolist()):
+        for bearing, reading in zip(scan.bearings(), scan.ranges_m.tolist(), strict=True):
             usable = self._usable(reading, scan, reach)
             if usable is not None:
-                bearing = scan.angle_min_rad + beam * scan.angle_increment_rad
-                cones.append((sonar.yaw_rad + bearing, *usable))
+                cones.append((sonar.yaw_rad + float(bearing), *usable))
         box, boxes = NOTHING, []
         for heading, length, hit in cones:
             furthest = (length + (self.config.sonar.thickness if hit else 0.0)) / metres

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import array
+import math
+import time
 from typing import Any
 
 import numpy as np
-from nav_msgs.msg import OccupancyGrid
+from nav_msgs.msg import MapMetaData, OccupancyGrid
 from rclpy.node import Node
 
 from ogm_mcmc.arrays import Int8Array
@@ -15,11 +17,12 @@ from ogm_mcmc.engine.map_view import MapView
 from ogm_mcmc.geometry import CellBox, GridSpec
 from ogm_mcmc.io.messages import fill_grid_header, fill_grid_update
 from ogm_mcmc.pipeline import MappingPipeline
-from ogm_mcmc.ros.qos import LATCHED
+from ogm_mcmc.ros.latched_topic import LatchedTopic
 
 __all__ = ['GridPublisher']
 
-Endpoint = tuple[str, bytes]
+# A subscription is discovered before the name of the node it belongs to.
+NAMELESS = '_NODE_NAME_UNKNOWN_'
 
 
 class _MessageView(MapView):
@@ -37,7 +40,9 @@ class _MessageView(MapView):
 class GridPublisher:
     """One latched OccupancyGrid topic, and TOPIC_updates beside it where map_msgs is installed.
 
-    Work per publication is proportional to what changed, apart from DDS copying the message.
+    TOPIC is the name after remapping, so that the updates go where the map goes. Work per
+    publication is proportional to what changed, apart from DDS copying the message.
+    `metadata`: name of a MapMetaData topic that goes with the whole maps.
     """
 
     def __init__(
@@ -47,28 +52,25 @@ class GridPublisher:
         pipeline: MappingPipeline,
         output: OutputConfig,
         kind: str = '',
+        metadata: str = '',
     ) -> None:
+        self.node = node
         self.view = _MessageView(pipeline, output, kind)
-        self.publisher = node.create_publisher(OccupancyGrid, topic, LATCHED)
+        self.topic = LatchedTopic(node, OccupancyGrid, topic)
+        self.metadata = LatchedTopic(node, MapMetaData, metadata) if metadata else None
         self.update_type = _update_type()
         self.updates = None
         if self.update_type is not None:
-            self.updates = node.create_publisher(self.update_type, f'{topic}_updates', 10)
-        self.node = node
-        self.sent = 0
-        self.copy_is_old = False  # updates have gone out since the last whole map
-        self._served: set[Endpoint] = set()
+            name = f'{self.topic.name}_updates'
+            self.updates = node.create_publisher(self.update_type, name, 10)
+        self.renewed_at = -math.inf  # when the whole map was sent last
+        self._old = False  # updates have gone out since the last whole map
         self._sent_spec: GridSpec | None = None
 
-    @property
-    def listeners(self) -> int:
-        """Number of subscriptions to the whole map."""
-        return int(self.publisher.get_subscription_count())
-
-    def _endpoints(self, publisher: Any) -> set[Endpoint]:
-        """Return who subscribes: node and the identity of the subscription."""
+    def _followers(self, publisher: Any) -> set[str]:
+        """Return the names of the nodes that subscribe."""
         return {
-            (f'{info.node_namespace}/{info.node_name}', bytes(info.endpoint_gid))
+            f'{info.node_namespace}/{info.node_name}'
             for info in self.node.get_subscriptions_info_by_topic(publisher.topic_name)
         }
 
@@ -76,11 +78,26 @@ class GridPublisher:
         """Note that cells changed."""
         self.view.mark(changed)
 
-    def publish(self, frame_id: str, stamp_ns: int, *, whole: bool = False) -> bool:
+    def serve_newcomers(self, frame_id: str, stamp_ns: int) -> None:
+        """Send the whole map, as it is now, if somebody came since it was sent last."""
+        if self.topic.newcomers_wait:
+            self.publish(frame_id, stamp_ns, whole=True)
+
+    def publish_changes(self, frame_id: str, stamp_ns: int, latched_interval_s: float) -> None:
+        """Send what changed where somebody listens, or when the latched copy is too old.
+
+        With an infinite interval nothing is sent while nobody listens.
+        """
+        age = time.monotonic() - self.renewed_at
+        due = math.isfinite(latched_interval_s) and age >= latched_interval_s
+        changed = self.view.stale and (due or self.topic.listeners > 0)
+        if changed or (due and self._old):
+            self.publish(frame_id, stamp_ns, whole=due)
+
+    def publish(self, frame_id: str, stamp_ns: int, *, whole: bool = False) -> None:
         """Send what changed: as an update if every listener takes those, else the whole map.
 
-        Returns whether the whole map was sent; `whole` asks for it in any case, so that the
-        latched copy does not grow old.
+        `whole` asks for the whole map in any case.
         """
         boxes = self.view.refresh()
         spec = self.view.spec
@@ -88,24 +105,25 @@ class GridPublisher:
         if self.updates is not None and not self._everybody_needs_it(spec):
             for box in boxes:
                 self._publish_update(spec, box, frame_id, stamp_ns)
-            self.copy_is_old = True
+            self._old = True
             if not whole:
-                return False
+                return
         fill_grid_header(self.view.message, spec, frame_id, stamp_ns)
-        self.publisher.publish(self.view.message)
+        self.topic.send(self.view.message)
+        if self.metadata is not None:
+            self.metadata.send(self.view.message.info)
         self._sent_spec = spec
-        self.copy_is_old = False
-        self.sent += 1
-        return True
+        self._old = False
+        self.renewed_at = time.monotonic()
 
     def _everybody_needs_it(self, spec: GridSpec) -> bool:
-        """Whether updates would not do: another extent, somebody new, somebody without them."""
-        listeners = self._endpoints(self.publisher)
-        newcomers = listeners - self._served
-        self._served = listeners
-        followers = {name for name, _ in self._endpoints(self.updates)}
-        left_out = {name for name, _ in listeners} - followers
-        return spec != self._sent_spec or bool(newcomers) or bool(left_out) or not followers
+        """Whether updates would not do: another extent, or somebody without them."""
+        if spec != self._sent_spec:
+            return True
+        followers = self._followers(self.updates)
+        left_out = self._followers(self.topic.publisher) - followers
+        nameless = any(NAMELESS in name for name in followers)
+        return not followers or bool(left_out) or nameless
 
     def _publish_update(self, spec: GridSpec, box: CellBox, frame_id: str, stamp_ns: int) -> None:
         assert self.updates is not None
@@ -115,6 +133,18 @@ class GridPublisher:
         changed = np.ascontiguousarray(self.view.values[spec.slices(box)])
         update.data = array.array('b', changed.tobytes())
         self.updates.publish(update)
+
+    def restart(self) -> None:
+        """Forget what was shown (after a reset)."""
+        self.view.restart()
+
+    def destroy(self) -> None:
+        """Leave all topics."""
+        for topic in (self.topic, self.metadata):
+            if topic is not None:
+                topic.destroy()
+        if self.updates is not None:
+            self.node.destroy_publisher(self.updates)
 
 
 def _update_type() -> Any:

@@ -23,10 +23,10 @@ from ogm_mcmc.engine.saved_map import MapToSave, replacing_map
 from ogm_mcmc.errors import OgmError
 from ogm_mcmc.files.user_paths import user_path
 from ogm_mcmc.geometry import PlacedScan
-from ogm_mcmc.mapping import live_settings, uses_covariance
+from ogm_mcmc.mapping import live_settings
 from ogm_mcmc.pipeline import MappingPipeline, warm_up
 from ogm_mcmc.ros.diagnostics import DIAGNOSTICS_S, Diagnostics
-from ogm_mcmc.ros.grid_publisher import GridPublisher
+from ogm_mcmc.ros.live_maps import LiveMaps
 from ogm_mcmc.ros.parameters import ParameterSet
 from ogm_mcmc.ros.running import run_node
 from ogm_mcmc.ros.scan_intake import ScanIntake
@@ -34,7 +34,6 @@ from ogm_mcmc.ros.scan_intake import ScanIntake
 __all__ = ['OnlineMapper', 'main']
 
 HOUSEKEEPING_S = 0.1
-DISCOVERY_S = 2.0
 
 
 class OnlineMapper(Node):
@@ -48,23 +47,23 @@ class OnlineMapper(Node):
         self.output = self.parameters.read(OutputConfig)
         self.mapping_s = 0.0
         self._last_stamp_ns = 0
-        self._renewed_at = 0.0
         self.intake = ScanIntake(
             self,
             self.parameters.read(IntakeConfig),
             self.parameters.read(PlacingConfig),
             self.map_scan,
             sonar=self.pipeline.config.method == 'sonar',
-            with_covariance=uses_covariance(self.pipeline.config.method),
         )
 
         started = time.monotonic()
         warm_up(self.pipeline.config)
         self.get_logger().info(f'kernels ready after {time.monotonic() - started:.2f} s')
 
-        self.map_publisher = GridPublisher(self, 'map', self.pipeline, self.output)
-        self.entropy_publisher = GridPublisher(
-            self, '~/entropy', self.pipeline, self.output, 'entropy'
+        self.maps = LiveMaps(
+            self,
+            self.pipeline,
+            self.parameters.read(OutputConfig),
+            lambda: (self.intake.settings.map_frame, self._last_stamp_ns),
         )
         self.diagnostics = Diagnostics(self, 'mapping')
         self.create_service(Trigger, '~/reset', self.on_reset)
@@ -89,40 +88,18 @@ class OnlineMapper(Node):
         changed = self.pipeline.update(placed)
         self.mapping_s += time.perf_counter() - started
         self._last_stamp_ns = placed.scan.stamp_ns
-        self.map_publisher.mark(changed)
-        self.entropy_publisher.mark(changed)
-        if self.pipeline.scans_used == 1:
-            # Give listeners that were here before us time to be discovered: DDS takes up to
-            # three seconds to hand them a copy that was latched before.
-            self._renewed_at = time.monotonic() + DISCOVERY_S - self.settings.latched_interval
+        self.maps.mark(changed)
 
     def on_housekeeping(self) -> None:
-        """Drop scans that waited too long; do not let the first listener wait for its map."""
+        """Drop scans that waited too long; do not let a new listener wait for its map."""
         self.intake.pass_on()
-        publisher = self.map_publisher
-        if publisher.sent == 0 and publisher.listeners > 0 and self.pipeline.scans_used > 0:
-            self.publish_map()
+        self.maps.serve_newcomers()
 
     # -- maps out ---------------------------------------------------------------------------
 
     def on_map_timer(self) -> None:
         """Publish what changed, where somebody listens or the latched copy is due."""
-        if self.pipeline.scans_used == 0:
-            return
-        now = time.monotonic()
-        due = now - self._renewed_at >= self.settings.latched_interval
-        publisher = self.map_publisher
-        listening = publisher.listeners > 0
-        if (publisher.view.stale and (listening or due)) or (due and publisher.copy_is_old):
-            self.publish_map(whole=due)
-        if self.entropy_publisher.view.stale and self.entropy_publisher.listeners > 0:
-            self.entropy_publisher.publish(self.intake.settings.map_frame, self._last_stamp_ns)
-
-    def publish_map(self, *, whole: bool = True) -> None:
-        """Publish now: the whole map, or what changed where that is enough."""
-        frame = self.intake.settings.map_frame
-        if self.map_publisher.publish(frame, self._last_stamp_ns, whole=whole):
-            self._renewed_at = time.monotonic()
+        self.maps.publish_changes(self.settings.latched_interval)
 
     def publish_diagnostics(self) -> None:
         """Say how it goes: what came, what was used, what was dropped and why."""
@@ -133,16 +110,15 @@ class OnlineMapper(Node):
             'scans used': used,
             'mapping time per scan (ms)': f'{1e3 * self.mapping_s / used if used else 0.0:.3f}',
             'map size (cells)': f'{spec.width} x {spec.height}',
-            'maps published': self.map_publisher.sent,
+            'maps published': self.maps.map.topic.sent,
             'paused': self.intake.paused,
-            **self.intake.problems.values(),
+            **self.intake.dropped(),
         }
-        dropped = self.intake.problems.all().total()
+        dropped = sum(self.intake.problems().values())
         self.diagnostics.publish(
             f'{used} scans mapped, {dropped} messages dropped',
             values,
-            warn=bool(self.intake.problems.new()),
-            health=self.intake.health(),
+            warn=bool(self.intake.new_problems()),
         )
 
     # -- services and parameters ------------------------------------------------------------
@@ -153,11 +129,7 @@ class OnlineMapper(Node):
         self.pipeline.reset()
         self.intake.clear()
         self.mapping_s = 0.0
-        for publisher in (self.map_publisher, self.entropy_publisher):
-            publisher.view.restart()
-        self.publish_map()
-        if self.entropy_publisher.listeners > 0:
-            self.entropy_publisher.publish(self.intake.settings.map_frame, self._last_stamp_ns)
+        self.maps.restart()
         response.success, response.message = True, f'forgot a map of {used} scans'
         return response
 
@@ -195,7 +167,6 @@ class OnlineMapper(Node):
 
     def on_parameters_set(self, _: list[Parameter]) -> None:
         """Take over what `LIVE_PARAMETERS` allows to change."""
-        before = self.output
         self.settings = self.parameters.read(OnlineMapperConfig)
         self.intake.configure(
             self.parameters.read(IntakeConfig), self.parameters.read(PlacingConfig)
@@ -203,15 +174,12 @@ class OnlineMapper(Node):
         self.output = self.parameters.read(OutputConfig)
         self.map_timer.timer_period_ns = round(self.settings.map_update_interval * 1e9)
         self.map_timer.reset()  # or the old period would run out first
-        if self.output != before:
-            self.map_publisher.view.output = self.output
-            self.map_publisher.mark(self.pipeline.changed)
+        self.maps.show(self.output)
         mapping = self.parameters.read(MapperConfig)
         if mapping != self.pipeline.config:
             self.pipeline.configure(mapping)
             # What is shown of the cells may be another thing now (`counting.show`).
-            for publisher in (self.map_publisher, self.entropy_publisher):
-                publisher.mark(self.pipeline.changed)
+            self.maps.mark(self.pipeline.changed)
 
 
 def main(args: list[str] | None = None) -> None:

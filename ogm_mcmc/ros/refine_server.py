@@ -7,19 +7,17 @@ import time
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from nav_msgs.msg import OccupancyGrid
 from nav_msgs.srv import GetMap
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
-from ogm_mcmc.arrays import Int8Array
 from ogm_mcmc.config import (
     OutputConfig,
     PlacingConfig,
     RecordingConfig,
+    ShownConfig,
     StopConfig,
 )
 from ogm_mcmc.config.nodes import (
@@ -30,18 +28,17 @@ from ogm_mcmc.config.nodes import (
     RefineServerConfig,
     refine_settings_agree,
 )
-from ogm_mcmc.engine.map_view import rendered
 from ogm_mcmc.engine.recording import Recording
 from ogm_mcmc.engine.refinement import hide_uncertain, warm_up
 from ogm_mcmc.engine.worker import RefinedMap, RefineWorker
 from ogm_mcmc.errors import OgmError
 from ogm_mcmc.files.output_files import writable_folder
 from ogm_mcmc.files.user_paths import user_path
-from ogm_mcmc.geometry import GridMap, GridSpec
+from ogm_mcmc.geometry import GridMap
 from ogm_mcmc.io.map_files import save_map
 from ogm_mcmc.ros.diagnostics import DIAGNOSTICS_S, Diagnostics
-from ogm_mcmc.ros.latched_grid import LatchedGrid, grid_message
 from ogm_mcmc.ros.parameters import ParameterSet
+from ogm_mcmc.ros.refined_maps import RefinedMaps
 from ogm_mcmc.ros.running import run_node
 from ogm_mcmc.ros.scan_intake import ScanIntake
 
@@ -80,12 +77,11 @@ class RefineServer(Node):
             niceness=self.settings.niceness,
             log=self.get_logger().info,
         )
-        self.map_grid = LatchedGrid(self, 'map_refined')
-        self.entropy_grid = LatchedGrid(self, '~/entropy')
+        self.maps = RefinedMaps(
+            self, self.intake.settings.map_frame, self.parameters.read(OutputConfig), self.shown
+        )
         self.diagnostics = Diagnostics(self, 'refining')
-        self._renewed_at = 0.0
         self._reported_error = ''
-        self._last_message: tuple[int, OccupancyGrid] | None = None
         self.create_service(Trigger, '~/refine', self.on_refine)
         self.create_service(Trigger, '~/stop', self.on_stop)
         self.create_service(Trigger, '~/clear', self.on_clear)
@@ -103,6 +99,7 @@ class RefineServer(Node):
         self.settings = self.parameters.read(RefineServerConfig)
         self.stop = self.parameters.read(StopConfig)
         self.output = self.parameters.read(OutputConfig)
+        self.unknown_margin = self.parameters.read(ShownConfig).unknown_margin
 
     def _state_file(self) -> Path | None:
         if not self.settings.state_file:
@@ -121,43 +118,14 @@ class RefineServer(Node):
         self.publish_maps()
 
     def publish_maps(self) -> None:
-        """Send a new map where somebody listens, when it is the last, or the latched one is due.
-
-        The entropy is sent only where somebody listens.
-        """
+        """Send what the worker has handed over."""
         result = self.worker.result
-        if result is None:
-            return
-        now = time.monotonic()
-        due = now - self._renewed_at >= self.settings.latched_interval
-        if result.number != self.map_grid.shown and (
-            result.final or due or self.map_grid.listeners > 0
-        ):
-            self.map_grid.publish(self.map_message(result), result.number)
-            self._renewed_at = now
-        if result.number != self.entropy_grid.shown and self.entropy_grid.listeners > 0:
-            entropy = rendered(result.grid_map.probability, 'entropy', self.output)
-            message = self._message(entropy, result)
-            self.entropy_grid.publish(message, result.number)
+        if result is not None:
+            self.maps.publish(result, self.settings.latched_interval)
 
     def shown(self, result: RefinedMap) -> GridMap:
         """Return a map with nan where it is no more certain than the prior."""
-        margin = self.settings.unknown_margin
-        return hide_uncertain(result.grid_map, result.prior, margin, result.draws)
-
-    def map_message(self, result: RefinedMap) -> OccupancyGrid:
-        """Return the message of a map; the same one again while neither it nor settings change."""
-        if self._last_message is None or self._last_message[0] != result.number:
-            self._last_message = (result.number, self._new_map_message(result))
-        return self._last_message[1]
-
-    def _new_map_message(self, result: RefinedMap) -> OccupancyGrid:
-        probability, output = self.shown(result).probability, self.output
-        return self._message(rendered(probability, output.output, output), result)
-
-    def _message(self, values: Int8Array, result: RefinedMap) -> OccupancyGrid:
-        frame = self.intake.settings.map_frame
-        return grid_message(values, result.grid_map.spec, frame, result.stamp_ns)
+        return hide_uncertain(result.grid_map, result.prior, self.unknown_margin, result.draws)
 
     def publish_diagnostics(self) -> None:
         """Say how it goes: what was recorded, how far sampling is, why it stopped."""
@@ -175,16 +143,16 @@ class RefineServer(Node):
             **_progress_values(status.progress),
             'stopped because': status.stopped,
             'last error': status.error,
-            'maps published': self.map_grid.sent,
-            **self.intake.problems.values(),
+            'maps published': self.maps.map.topic.sent,
+            **self.intake.dropped(),
         }
         new_error = status.error != self._reported_error
         self._reported_error = status.error
         message = f'{len(recording)} scans recorded, {status.state}'
         if status.stopped:
             message += f' ({status.stopped})'
-        warn = bool(self.intake.problems.new()) or (new_error and bool(status.error))
-        self.diagnostics.publish(message, values, warn=warn, health=self.intake.health())
+        warn = bool(self.intake.new_problems()) or (new_error and bool(status.error))
+        self.diagnostics.publish(message, values, warn=warn)
 
     # -- services and parameters ------------------------------------------------------------
 
@@ -193,7 +161,7 @@ class RefineServer(Node):
         recording, size = self.recording, self.recording.size
         limit = self.sampler.window.max_memory_mb
         if len(recording) == 0:
-            waiting, lost = len(self.intake.placer), self.intake.problems.all().total()
+            waiting, lost = len(self.intake.placer), sum(self.intake.problems().values())
             response.success, response.message = (
                 False,
                 f'no scan was recorded yet: nothing to sample ({waiting} scans wait for a pose, '
@@ -232,12 +200,7 @@ class RefineServer(Node):
         self.worker.clear()
         self.recording.clear()
         self.intake.clear()
-        empty = np.full((1, 1), -1, np.int8)
-        spec = GridSpec(self.sampler.window.resolution, 1, 1)
-        for grid in (self.map_grid, self.entropy_grid):
-            if grid.sent:
-                frame = self.intake.settings.map_frame
-                grid.publish(grid_message(empty, spec, frame, 0), 0)
+        self.maps.clear(self.sampler.window.resolution)
         response.success, response.message = True, f'forgot {forgotten} scans'
         return response
 
@@ -266,7 +229,7 @@ class RefineServer(Node):
             response.map.header.frame_id = self.intake.settings.map_frame
             self.get_logger().warning('~/get_map: nothing was refined yet, the map is empty')
         else:
-            response.map = self.map_message(result)
+            response.map = self.maps.map_message(result)
         return response
 
     def on_parameters_set(self, _: list[Parameter]) -> None:
@@ -277,9 +240,7 @@ class RefineServer(Node):
         )
         self.recording.config = self.parameters.read(RecordingConfig)
         self.worker.map_every_s = self.settings.map_update_interval
-        # It may look different now.
-        self._last_message = None
-        self.map_grid.shown = 0
+        self.maps.show(self.output)
 
     # -- the end ----------------------------------------------------------------------------
 
@@ -288,7 +249,7 @@ class RefineServer(Node):
         self.worker.close()
         if self.context.ok() and self.worker.failure is None:
             self.publish_maps()
-            self.map_grid.flush(FLUSH_S)
+            self.maps.flush(FLUSH_S)
 
     def destroy_node(self) -> None:
         """Leave no thread behind."""

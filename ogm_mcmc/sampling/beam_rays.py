@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -44,11 +43,7 @@ def rays_of_scan(placed: PlacedScan, config: WindowConfig, sigma_m: float) -> Be
     """
     scan, sensor = placed.scan, placed.pose
     if config.beam_stride > 1:
-        scan = replace(
-            scan,
-            ranges_m=np.ascontiguousarray(scan.ranges_m[:: config.beam_stride]),
-            angle_increment_rad=scan.angle_increment_rad * config.beam_stride,
-        )
+        scan = scan.thinned(config.beam_stride)
     spec = GridSpec(config.resolution, 1, 1)
     cast = cast_rays(
         scan,

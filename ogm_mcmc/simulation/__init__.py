@@ -8,8 +8,11 @@ when it stands ([gibbs] section IV-B), at poses that are known, or only believed
 `record_localized` gives it odometry and a particle filter ([pose] section V). What a beam
 measures in a grid is decided in `grid_world`. In place of the lidar the robot may carry a ring of
 sonars (`SonarRing`), each of which hears the nearest wall in its cone.
+
+`drive` lets the robot go round in either world and scan while it moves, at the sensor's rate.
 """
 
+from ogm_mcmc.simulation.driving import DrivenScan, Driving, Nodes, drive, tour_of
 from ogm_mcmc.simulation.exploration import Exploration, Stop, explore
 from ogm_mcmc.simulation.floor_plans import FLOOR_PLANS, generate_floor
 from ogm_mcmc.simulation.grid_world import GridWorld
@@ -35,16 +38,20 @@ __all__ = [
     'FLOOR_PLANS',
     'WORLDS',
     'Building',
+    'DrivenScan',
+    'Driving',
     'Exploration',
     'GridWorld',
     'Lidar',
     'LocalizedScan',
     'Motion',
+    'Nodes',
     'OdometryNoise',
     'ParticleFilter',
     'ParticleFilterSettings',
     'SonarRing',
     'Stop',
+    'drive',
     'explore',
     'generate_floor',
     'motion_between',
@@ -54,6 +61,7 @@ __all__ = [
     'record_exploration_with_sonars',
     'record_localized',
     'record_with_sonars',
+    'tour_of',
     'true_ranges',
     'walk',
 ]

@@ -10,25 +10,16 @@ import numpy as np
 from ogm_mcmc.arrays import Float32Array, Float64Array
 from ogm_mcmc.errors import require
 from ogm_mcmc.geometry import Pose2D, Scan
+from ogm_mcmc.simulation.wall_kernels import first_walls
 
 __all__ = ['Lidar', 'check_errors', 'observed', 'true_ranges']
 
 
 def true_ranges(walls: Float64Array, pose: Pose2D, bearings_rad: Float64Array) -> Float64Array:
-    """Distance (B,) to the first wall along each bearing, inf where there is none.
-
-    Solves p + r d = a + s (b - a), 0 <= s <= 1, r > 0, for all beams and walls at once.
-    """
-    heading = pose.yaw_rad + bearings_rad
-    dx, dy = np.cos(heading)[:, None], np.sin(heading)[:, None]
-    ax, ay = walls[:, 0] - pose.x_m, walls[:, 1] - pose.y_m
-    ex, ey = walls[:, 2] - walls[:, 0], walls[:, 3] - walls[:, 1]
-    across = dx * ey - dy * ex
-    with np.errstate(divide='ignore', invalid='ignore'):
-        distance = (ax * ey - ay * ex) / across
-        along = (ax * dy - ay * dx) / across
-    met = (across != 0.0) & (distance > 0.0) & (along >= 0.0) & (along <= 1.0)
-    ranges: Float64Array = np.where(met, distance, np.inf).min(axis=1)
+    """Distance (B,), m, to the first wall (S, 4) along each bearing, inf where there is none."""
+    ranges = np.empty(bearings_rad.size)
+    walls, bearings = (np.ascontiguousarray(array, np.float64) for array in (walls, bearings_rad))
+    first_walls(walls, pose.x_m, pose.y_m, pose.yaw_rad, bearings, ranges)
     return ranges
 
 

@@ -106,7 +106,7 @@ class ParticleFilter:
         scan_log_likelihoods(
             self.world.occupied,
             placed,
-            scan.angle_min_rad + scan.angle_increment_rad * chosen,
+            scan.bearings()[chosen],
             scan.ranges_m[chosen].astype(np.float64) * cells_per_m,
             scan.range_max_m * cells_per_m,
             depth,

@@ -12,11 +12,19 @@ __all__ = ['walk']
 
 
 def walk(
-    waypoints: Float64Array, *, period_s: float, speed_m_s: float, turn_rad_s: float
+    waypoints: Float64Array,
+    *,
+    period_s: float,
+    speed_m_s: float,
+    turn_rad_s: float,
+    yaw_rad: float | None = None,
 ) -> Iterator[Pose2D]:
-    """Yield a pose per period: turn on the spot towards the next point, then go straight."""
+    """Yield a pose per period: turn on the spot towards the next point, then go straight.
+
+    It looks at the second waypoint first, or has the heading `yaw_rad`.
+    """
     x, y = map(float, waypoints[0])
-    yaw = math.atan2(waypoints[1][1] - y, waypoints[1][0] - x)
+    yaw = math.atan2(waypoints[1][1] - y, waypoints[1][0] - x) if yaw_rad is None else yaw_rad
     yield Pose2D(x, y, yaw)
     for target in waypoints[1:]:
         target_x, target_y = map(float, target)

@@ -13,7 +13,7 @@ from ogm_mcmc.geometry import GridMap, GridSpec
 from ogm_mcmc.geometry.traversal_kernels import trace_ray
 from ogm_mcmc.simulation.raster_kernels import walk_distances
 
-__all__ = ['WORLDS', 'Building', 'office', 'rasterised']
+__all__ = ['WORLDS', 'Building', 'office', 'rasterised', 'ring_building']
 
 
 class Building(NamedTuple):
@@ -82,6 +82,108 @@ def office() -> Building:
     return Building(np.array(walls) + np.tile(off, 2), np.array(waypoints) + off)
 
 
+class _Room(NamedTuple):
+    """Left, bottom, right, top, m; which side its door is in, and where along that side, m."""
+
+    left: float
+    bottom: float
+    right: float
+    top: float
+    side: str
+    door: float
+
+    def inside(self, depth: float) -> tuple[float, float]:
+        """Return the point so deep behind the middle of the door; below 0 it is in front."""
+        return {
+            'bottom': (self.door, self.bottom + depth),
+            'top': (self.door, self.top - depth),
+            'left': (self.left + depth, self.door),
+            'right': (self.right - depth, self.door),
+        }[self.side]
+
+
+def _row(
+    begin: float, ends: tuple[float, ...], across: tuple[float, float], side: str, shift: float
+) -> list[_Room]:
+    """Return rooms side by side from left to right; the doors are `shift` off their middles."""
+    starts = (begin, *ends[:-1])
+    return [
+        _Room(left, across[0], right, across[1], side, 0.5 * (left + right) + shift)
+        for left, right in zip(starts, ends, strict=True)
+    ]
+
+
+def _column(across: tuple[float, float], side: str) -> list[_Room]:
+    """Return the rooms at an end of the building from bottom to top."""
+    doors = ((0.0, 12.0, 9.8), (12.0, 20.0, 16.3), (20.0, 28.0, 24.1), (28.0, 40.0, 30.2))
+    return [_Room(across[0], low, across[1], high, side, door) for low, high, door in doors]
+
+
+def _ring_rooms() -> list[_Room]:
+    """Return the rooms of `ring_building`, those outside of the corridor and those inside."""
+    outside, inside = (13.0, 20.0, 26.0, 33.0, 40.0, 46.0, 53.0), (16.0, 23.0, 30.0)
+    return [
+        *_row(7.0, outside, (0.0, 7.0), 'top', 0.8),
+        *_row(9.5, inside, (9.5, 20.0), 'bottom', -1.2),
+        *_column((53.0, 60.0), 'left'),
+        *_row(7.0, outside, (33.0, 40.0), 'bottom', -0.9),
+        *_row(9.5, inside, (20.0, 30.5), 'top', 1.1),
+        *_column((0.0, 7.0), 'right'),
+        _Room(30.0, 9.5, 50.5, 30.5, 'right', 20.0),
+    ]
+
+
+def _room_walls(room: _Room, rng: np.random.Generator) -> list[tuple[float, float, float, float]]:
+    """Return the four walls, one with the door, and two pieces of furniture far from it."""
+    left, bottom, right, top, side, door = room
+    sides = {
+        'bottom': ((left, bottom), (right, bottom)), 'top': ((left, top), (right, top)),
+        'left': ((left, bottom), (left, top)), 'right': ((right, bottom), (right, top)),
+    }  # fmt: skip
+    upright = side in ('left', 'right')
+    start, end = sides.pop(side)
+    along = door - (bottom if upright else left)
+    walls = _wall_with_doors(start, end, ((along - 0.55, along + 0.55),))
+    walls += [(*a, *b) for a, b in sides.values()]
+    far = (right - left if upright else top - bottom) - 1.3
+    middle = 0.5 * (bottom + top) if upright else 0.5 * (left + right)
+    for aside in (-rng.uniform(1.3, 2.0), rng.uniform(1.3, 2.0)):
+        half = np.array([rng.uniform(0.3, 0.7), rng.uniform(0.2, 0.5)])
+        corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * half
+        turn = rng.normal(0.0, 0.2)
+        cosine, sine = math.cos(turn), math.sin(turn)
+        x, y = room._replace(door=middle + aside).inside(far)
+        placed = corners @ np.array([[cosine, sine], [-sine, cosine]]) + (x, y)
+        walls += _polygon([(float(x), float(y)) for x, y in placed])
+    return walls
+
+
+def ring_building() -> Building:
+    """Return a floor of 60 m x 40 m: a corridor around a block, 28 rooms and a hall with pillars.
+
+    The walk goes round the corridor, in and out of every room, and ends where it began.
+    """
+    rng = np.random.default_rng(60)
+    rooms = _ring_rooms()
+    walls = [wall for room in rooms for wall in _room_walls(room, rng)]
+    for x in (35.0, 40.5, 46.0):
+        for y in (14.0, 26.0):
+            walls += _pillar(x, y, 0.35)
+    middle = np.array([(8.25, 8.25), (51.75, 8.25), (51.75, 31.75), (8.25, 31.75)])
+    ways = np.cumsum([0.0, *np.abs(np.diff(middle, axis=0)).sum(axis=1)])
+    visits = [(float(way), [(*map(float, at),)]) for way, at in zip(ways, middle, strict=True)]
+    for room in rooms:
+        door = room.inside(-1.25)
+        leg = int(np.argmin([abs(door[1] - 8.25), abs(door[0] - 51.75), abs(door[1] - 31.75),
+                             abs(door[0] - 8.25)]))  # fmt: skip
+        way = float(ways[leg] + np.abs(np.array(door) - middle[leg]).sum())
+        visits.append((way, [door, room.inside(12.0 if room.right == 50.5 else 3.4), door]))
+    waypoints = [point for _, points in sorted(visits) for point in points]
+    off = np.array([0.02, 0.03])
+    once = np.unique(np.array(walls), axis=0)  # neighbours share a wall
+    return Building(once + np.tile(off, 2), np.array([*waypoints, waypoints[0]]) + off)
+
+
 def rasterised(building: Building, resolution_m: float) -> GridMap:
     """Return the true map: cells that a wall crosses are occupied, those behind all walls unknown.
 
@@ -109,4 +211,4 @@ def rasterised(building: Building, resolution_m: float) -> GridMap:
     return GridMap(spec, probability)
 
 
-WORLDS: dict[str, Callable[[], Building]] = {'office': office}
+WORLDS: dict[str, Callable[[], Building]] = {'office': office, 'ring': ring_building}

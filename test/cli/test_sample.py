@@ -1,5 +1,6 @@
 """`sample`: what it leaves, how it goes on and ends, and the mistakes it names."""
 
+import argparse
 import json
 import os
 import signal
@@ -11,9 +12,10 @@ import yaml
 from PIL import Image
 
 from ogm_mcmc.cli.main import run
-from ogm_mcmc.cli.sample import SHORT
+from ogm_mcmc.cli.sample import SHORT, _chosen, add_to
 from ogm_mcmc.cli.sampling_bar import status
-from ogm_mcmc.config import StopConfig
+from ogm_mcmc.config import PatchConfig, StopConfig, flatten, settings_of
+from ogm_mcmc.config.nodes import REFINE_CONFIGS
 from ogm_mcmc.engine.refinement import Progress, Refinement
 from ogm_mcmc.evaluation.trajectories import absolute_errors
 from ogm_mcmc.geometry import PlacedScan, Pose2D, PoseBelief
@@ -24,7 +26,8 @@ from ogm_mcmc.io.trajectory_files import read_trajectory
 from ogm_mcmc.io.tum_files import read_deviations
 from ogm_mcmc.simulation import WORLDS, Lidar, record
 
-COARSE = ('--resolution', '0.2', '--beam-stride', '6', '--json')
+CELLS = ('--prior', 'uniform', '--patch-size', '1')
+COARSE = ('--resolution', '0.2', '--beam-stride', '6', *CELLS, '--json')
 FEW = (*COARSE, '--max-sweeps', '80', '--burn-in', '16', '--r-hat', '0')
 
 
@@ -169,7 +172,7 @@ def test_the_yaml_of_the_node_and_a_start_map(sample, tmp_path):
         (['--thin', '5'], '--thin: expected with --samples'),
         (['--prior-file', 'notes.txt'], '--prior-file: expected with --prior patch or border'),
         (['--patch-size', '4'], 'error: patch.size is 4'),
-        (['--margin', '0.5'], 'margin is 0.5'),
+        (['--margin', '0.6'], 'unknown_margin is 0.6'),
         (['--r-hat', '0.9'], 'r_hat is 0.9'),
         (['--max-memory-mb', '1'], 'max_memory_mb = 1'),
         (['--max-sweeps', '50'], 'expected more than burn_in (50)'),
@@ -243,6 +246,19 @@ def test_what_the_bar_says():
     )
     assert status(progress, StopConfig(max_sweeps=300, max_time=12.0), 200).endswith('2 s left')
     assert 'agree' not in status(progress, StopConfig(r_hat=0.0), 200)
+
+
+def test_defaults_are_those_of_the_node():
+    """Two answers from the same scans would be hard to explain."""
+    parser = argparse.ArgumentParser()
+    add_to(parser.add_subparsers())
+    chosen = _chosen(parser.parse_args(['sample', 'bag', '-o', 'out']))
+    node = {leaf.name: leaf.default for config in REFINE_CONFIGS for leaf in settings_of(config)}
+    for config in chosen:
+        for name, value in flatten(config).items():
+            assert name not in node or node[name] == value, name
+    assert chosen.sampler.patch == PatchConfig(prior='border', size=9)
+    assert chosen.shown.unknown_margin == node['unknown_margin']
 
 
 def test_short_names_are_all_different():

@@ -13,6 +13,7 @@ from ogm_mcmc.engine.bag_scans import PlacedScans, StreamChoice, choose_topics
 from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.io.bags import BagReader
 from ogm_mcmc.io.map_files import load_map
+from ogm_mcmc.io.trajectory_files import read_trajectory
 from ogm_mcmc.simulation import Exploration, GridWorld
 
 
@@ -117,7 +118,7 @@ def test_believed_poses(tmp_path, capsys):
 @pytest.mark.parametrize(
     ('arguments', 'reason'),
     [
-        (['moon'], "world 'moon': expected office, building-1"),
+        (['moon'], "world 'moon': expected office, ring, building-1"),
         (['notes.png'], 'expected a readable image'),
         (['office', '--beams', '0'], '--beams is 0: expected 1 to 100000'),
         (['office', '--seed', '-1'], '--seed is -1: expected 0 or more'),
@@ -171,8 +172,14 @@ def test_believed_poses(tmp_path, capsys):
         (['office', '--unknown', 'free'], '--unknown: expected with a map'),
         (['office', '--world-seed', '0'], '--world-seed: expected with building-1 to building-10'),
         (['hall.yaml', '--world-seed', '1'], '--world-seed: expected with building-1'),
-        (['hall.yaml', '--resolution', '0.1'], '--resolution: expected with office or an image'),
-        (['building-9', '--resolution', '-1'], '--resolution: expected with office or an image'),
+        (
+            ['hall.yaml', '--resolution', '0.1'],
+            '--resolution: expected with office, ring or an',
+        ),
+        (
+            ['building-9', '--resolution', '-1'],
+            '--resolution: expected with office, ring or an',
+        ),
         (['building-9', '--unknown', 'free'], '--unknown: expected with a map YAML'),
         (['building-9', '--particles', '9'], '--particles: expected with --localize'),
     ],
@@ -247,3 +254,45 @@ def test_cells_are_what_a_robot_can_do(name, end):
         else:
             assert allowed.holds(float(value))
             check_cells(name, float(value), 1.0)
+
+
+@pytest.mark.jit
+def test_a_drive_with_drift_and_the_trajectory_that_corrects_it(tmp_path, capsys):
+    """Odometry, scans and poses at the sensor's rate; corrected poses where the loop closes."""
+    code, out, err = command(
+        capsys, 'simulate', 'office', '--drive', '-o', tmp_path / 'bag', '--json', '--beams', 40,
+        '--rate', 5, '--speed', 2, '--turn-rate', 5, '--poses', 'drifting', '--drift', 1,
+    )  # fmt: skip
+    assert code == 0, err
+    count = json.loads(out)['scans']
+    with BagReader(tmp_path / 'bag') as bag:
+        counts = {topic.name: topic.n_messages for topic in bag.topics()}
+        assert counts == {'/odom': count, '/pose': count, '/scan': count, '/trajectory': 1}
+        said = [bag.decode(r).pose.pose.position for r in bag.records(['/pose'])]
+        path = bag.decode(next(bag.records(['/trajectory'])))
+    with (tmp_path / 'bag_poses.csv').open() as stream:
+        true = {int(row['stamp_ns']): float(row['x_m']) for row in csv.DictReader(stream)}
+    errors = np.abs(np.array([p.x for p in said]) - list(true.values()))
+    assert errors[-1] < 1e-9 < 0.05 < errors.max()
+    stamps = [p.header.stamp.sec * 10**9 + p.header.stamp.nanosec for p in path.poses]
+    assert [p.pose.position.x for p in path.poses] == [true[stamp] for stamp in stamps]
+    told = read_trajectory(tmp_path / 'bag_trajectory.tum')
+    assert told.stamps_ns.tolist() == stamps
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'reason'),
+    [
+        (['office', '--rate', '40'], '--rate: expected with --drive'),
+        (['office', '--poses', 'true'], '--poses: expected with --drive'),
+        (['office', '--drive', '--rate', '0'], '--rate is 0: expected 0.1 to 1000 Hz'),
+        (['office', '--drive', '--sensor', 'sonar'], '--drive: expected with --sensor lidar'),
+        (['building-9', '--drive', '--localize'], '--localize: expected without --drive'),
+    ],
+    ids=lambda value: ' '.join(value) if isinstance(value, list) else '',
+)
+def test_mistakes_about_a_drive(tmp_path, capsys, arguments, reason):
+    code, _, err = command(capsys, 'simulate', *arguments, '-o', tmp_path / 'bag')
+    assert code == 2
+    assert reason in err
+    assert not (tmp_path / 'bag').exists()

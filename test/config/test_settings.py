@@ -124,7 +124,7 @@ def test_defaults_are_what_users_were_told():
         'random_field.max_variance': 0.9,
     }
     assert flatten(OutputConfig()) == {
-        'output': 'probability',
+        'output': 'trinary',
         'occupied_thresh': 0.65,
         'free_thresh': 0.25,
     }
@@ -232,7 +232,7 @@ def test_a_whole_number_is_a_number():
             r'log_odds_limit is 3.5: must not be below the log-odds of the prior \(6.91\)',
         ),
         (MapperConfig, {'prior': 0.001, 'log_odds_limit': 3.5}, 'log_odds_limit is 3.5: must not'),
-        (OutputConfig, {'output': 'grey'}, "output is 'grey': one of probability, trinary"),
+        (OutputConfig, {'output': 'grey'}, "output is 'grey': one of trinary, probability"),
         (OutputConfig, {'free_thresh': 0.65}, 'free_thresh is 0.65: must be below occupied_thr'),
         (OutputConfig, {'occupied_thresh': 0.1}, 'free_thresh is 0.25: must be below'),
     ],

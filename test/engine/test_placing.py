@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from support.strategies import REPEATABLE, fan, stamps_ns
 
@@ -155,6 +155,14 @@ def test_a_negative_time_out_waits_for_nothing():
     placer.timeout_s = -1.0
     assert placed(placer) == []
     assert [reason for reason, _ in dropped] == ['pose_timeout'] * 2
+
+
+def test_several_scans_of_one_stamp_are_all_used():
+    placer, dropped = placer_with((0.5, belief()), (3.0, belief()), max_gap_s=9.0)
+    for reading in (1.0, 2.0, 3.0):
+        placer.add_scan(replace(scan(2.0), ranges_m=np.array([reading], np.float32)))
+    assert [stamp for stamp, _ in placed(placer)] == [2.0] * 3
+    assert dropped == []
 
 
 @pytest.mark.parametrize('stamp', [2.0, 1.9, 1.0])
@@ -394,8 +402,9 @@ def feed(placer, arrivals, yaw=lambda k: 0.7 * k):
 def test_whatever_the_order_of_arrival_no_scan_is_misplaced(arrivals, max_gap_s):
     placer, dropped = placer_with(max_gap_s=max_gap_s)
     scans, poses, placed = feed(placer, arrivals)
+    assume(not placer.dropped['pose_jumped_back'])  # what is known starts again there
     stamps = [stamp for stamp, _ in poses]
-    for found, where, _ in placed:
+    for found, where, *_ in placed:
         before = bisect_right(stamps, found.stamp_ns) - 1
         after = bisect_left(stamps, found.stamp_ns)
         assert before >= 0
@@ -406,7 +415,7 @@ def test_whatever_the_order_of_arrival_no_scan_is_misplaced(arrivals, max_gap_s)
         expected = interpolate(earlier, later, fraction)
         assert (where.mean.x_m, where.mean.y_m) == approx((expected.x_m, expected.y_m))
         assert math.cos(where.mean.yaw_rad - expected.yaw_rad) == approx(1.0)
-    in_order = [found.stamp_ns for found, _, _ in placed]
+    in_order = [found.stamp_ns for found, *_ in placed]
     assert in_order == sorted(in_order)
     assert sum(what is not None for _, what in dropped) + len(placed) + len(placer) == scans
 

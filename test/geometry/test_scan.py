@@ -1,5 +1,6 @@
 import math
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -139,3 +140,22 @@ def test_directions_are_those_of_this_scan():
     assert not np.array_equal(scan().directions(), scan(angle_min_rad=-0.9).directions())
     assert scan((1.0, 2.0)).directions().shape == (2, 2)
     assert scan().directions() is scan().directions()
+
+
+def test_bent_beams_keep_their_own_directions():
+    even = scan()
+    assert even.bearings().tolist() == approx([-1.0, 0.0, 1.0])
+    bent = replace(even, bearings_rad=np.array([-1.1, 0.0, 1.3]))
+    assert bent.bearings().tolist() == [-1.1, 0.0, 1.3]
+    assert bent.directions() == approx(np.array([np.cos([-1.1, 0, 1.3]), np.sin([-1.1, 0, 1.3])]))
+    assert bent.flipped().bearings().tolist() == [1.1, 0.0, -1.3]
+
+
+def test_thinned_beams_are_some_of_them():
+    whole = scan((1.0, 2.0, 3.0, 4.0), time_increment_s=0.01)
+    for every in (whole, replace(whole, bearings_rad=np.array([0.0, 0.4, 0.5, 1.0]))):
+        some = every.thinned(3)
+        assert some.ranges_m.tolist() == [1.0, 4.0]
+        assert some.ranges_m.flags.c_contiguous
+        assert some.bearings() == approx(every.bearings()[[0, 3]])
+        assert some.time_increment_s == approx(0.03)

@@ -194,6 +194,7 @@ def test_experiment_on_a_cluster(dask_cluster, tmp_path, monkeypatch, capsys):
 def test_sample_on_a_cluster(dask_cluster, office_bag, tmp_path, capsys, monkeypatch):
     """With --state, in two runs: here, then on the cluster; as if all had been done here."""
     few = ('--resolution', '0.2', '--beam-stride', '12', '--burn-in', '16', '--r-hat', '0')
+    few += ('--prior', 'uniform', '--patch-size', '1')
     there = ('--scheduler', dask_cluster.scheduler_address)
     shared = []
     real = cluster.distribute

@@ -29,6 +29,29 @@ def test_ranges_in_a_room_on_paper():
     assert turned == pytest.approx(np.array([2.0]))
 
 
+def plain_ranges(walls, pose, bearings):
+    """Solve p + r d = a + s (b - a) for all beams and walls at once."""
+    heading = pose.yaw_rad + bearings
+    dx, dy = np.cos(heading)[:, None], np.sin(heading)[:, None]
+    ax, ay = walls[:, 0] - pose.x_m, walls[:, 1] - pose.y_m
+    ex, ey = walls[:, 2] - walls[:, 0], walls[:, 3] - walls[:, 1]
+    across = dx * ey - dy * ex
+    with np.errstate(divide='ignore', invalid='ignore'):
+        distance, along = (ax * ey - ay * ex) / across, (ax * dy - ay * dx) / across
+    met = (across != 0.0) & (distance > 0.0) & (along >= 0.0) & (along <= 1.0)
+    return np.where(met, distance, np.inf).min(axis=1)
+
+
+@pytest.mark.parametrize('name', sorted(WORLDS))
+def test_ranges_are_those_of_the_plain_equations(name):
+    building = WORLDS[name]()
+    bearings = Lidar(beams=300).bearings()
+    for x, y in building.waypoints[:20]:
+        pose = Pose2D(float(x) + 0.1, float(y) - 0.07, 0.3 * float(x))
+        ranges = true_ranges(building.walls, pose, bearings)
+        assert ranges == pytest.approx(plain_ranges(building.walls, pose, bearings), rel=1e-9)
+
+
 def test_nothing_there_is_inf():
     assert np.isinf(true_ranges(ROOM[:1], Pose2D(1.0, 1.0), np.array([0.0, 1.0]))).all()
 

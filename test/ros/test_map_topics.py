@@ -1,0 +1,146 @@
+"""What goes out on the map topics: safe for planners, current for everybody, under any name."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy', reason='rclpy is not installed: no ROS tests')
+
+from diagnostic_msgs.msg import DiagnosticArray
+from nav_msgs.msg import MapMetaData, OccupancyGrid
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from std_srvs.srv import Trigger
+from support.nav2_rules import FREE, WALL, amcl_cells, static_layer_cells
+from support.ros import NodeProcess, Observer
+
+from ogm_mcmc.config import MapperConfig
+from ogm_mcmc.engine.bag_scans import PlacedScans, StreamChoice, choose_topics
+from ogm_mcmc.geometry.grid_map import occupancy_values
+from ogm_mcmc.io.bags import BagReader
+from ogm_mcmc.io.recording_bag import write_recording
+from ogm_mcmc.pipeline import MappingPipeline
+from ogm_mcmc.ros.qos import LATCHED
+from ogm_mcmc.simulation import WORLDS, Lidar, record
+
+pytestmark = [pytest.mark.ros]
+
+VOLATILE = QoSProfile(depth=1)
+BEST_EFFORT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+SCANS = 60
+
+
+@pytest.fixture(scope='module')
+def bag(tmp_path_factory):
+    """A short walk; some probabilities lie between the thresholds."""
+    recorded = record(WORLDS['office'](), Lidar(beams=90), np.random.default_rng(5))
+    path = tmp_path_factory.mktemp('walk') / 'bag'
+    write_recording(path, itertools.islice(recorded, 0, 6 * SCANS, 6))
+    return path
+
+
+def mapped(bag, config):
+    """Return the probabilities (height, width) of a bag's map."""
+    pipeline, choice = MappingPipeline(config), StreamChoice()
+    with BagReader(bag) as reader:
+        for placed in PlacedScans(reader, choose_topics(reader, choice), choice):
+            pipeline.update(placed)
+    return pipeline.method.probabilities(pipeline.method.spec.box)
+
+
+def as_array(msg):
+    return np.frombuffer(msg.data, np.int8).reshape(msg.info.height, msg.info.width)
+
+
+def values_of(reports):
+    return {item.key: item.value for item in reports[-1].status[0].values}
+
+
+def drive(observer, bag, key, *extra):
+    """Replay a bag; wait until a node has used every scan."""
+    reports = observer.collect(DiagnosticArray, '/diagnostics', 10)
+    observer.until(lambda: bool(reports), 60.0)
+    arguments = [str(bag), '--rate', '0', '--wait', '20', '--wait-topics', '2', *extra]
+    with NodeProcess('replay', arguments) as player:
+        observer.until(lambda: not player.running(), 60.0)
+        assert player.wait() == 0, player.output
+    observer.until(lambda: values_of(reports)[key] == str(SCANS))
+
+
+def test_planners_and_amcl_see_every_wall_of_the_live_map(bag):
+    probability = mapped(bag, MapperConfig(log_odds_limit=3.5))
+    parameters = {'map_update_interval': 0.1, 'log_odds_limit': 3.5}
+    with NodeProcess('online_mapper', parameters=parameters) as node, Observer() as observer:
+        maps = observer.collect(OccupancyGrid, 'map', LATCHED)
+        percents = observer.collect(OccupancyGrid, 'map_probability', LATCHED)
+        extents = observer.collect(MapMetaData, 'map_metadata', LATCHED)
+        drive(observer, bag, 'scans used')
+        walls, free = probability >= 0.65, probability <= 0.25
+
+        def same():
+            return bool(maps) and np.array_equal(as_array(maps[-1]) == 100, walls)
+
+        observer.until(same)
+        values = as_array(maps[-1])
+        for cells in (static_layer_cells(values), amcl_cells(values)):
+            assert np.array_equal(cells == WALL, walls)
+            assert np.array_equal(cells == FREE, free)
+        assert 0 < walls.sum() < free.sum()
+        # What the same rules make of the probabilities: no wall is left.
+        percent = occupancy_values(probability)
+        observer.until(lambda: np.array_equal(as_array(percents[-1]), percent))
+        assert not (static_layer_cells(as_array(percents[-1])) == WALL).any()
+        assert extents[-1].width == values.shape[1]
+        assert node.stop() == 0, node.output
+
+
+def test_planners_and_amcl_see_every_wall_of_the_refined_map(bag):
+    parameters = {
+        'window.resolution': 0.1,
+        'model.sigma': 0.03,
+        'patch.prior': 'uniform',
+        'patch.size': 1,
+        'max_sweeps': 60,
+        'r_hat': 0.0,
+    }
+    with NodeProcess('refine_server', parameters=parameters) as node, Observer() as observer:
+        maps = observer.collect(OccupancyGrid, 'map_refined', LATCHED)
+        percents = observer.collect(OccupancyGrid, 'map_refined_probability', LATCHED)
+        drive(observer, bag, 'scans recorded')
+        answer = observer.call(Trigger, 'refine_server/refine', Trigger.Request())
+        assert answer.success, answer.message
+
+        def same_map():
+            if not (maps and percents and len(maps) == len(percents)):
+                return False
+            percent, values = as_array(percents[-1]), as_array(maps[-1])
+            if percent.shape != values.shape:
+                return False
+            for cells in (static_layer_cells(values), amcl_cells(values)):
+                walls, free = percent > 65, (percent >= 0) & (percent < 25)
+                if not (walls.any() and (cells[walls] == WALL).all()):
+                    return False
+                if not (free.any() and (cells[free] == FREE).all()):
+                    return False
+            return set(np.unique(values)) == {-1, 0, 100}
+
+        observer.until(same_map)
+        assert node.stop() == 0, node.output
+
+
+def test_newcomers_of_a_settled_map_get_the_current_one(bag):
+    """Whatever their quality of service, and under a name that was given at the start."""
+    arguments = ['--ros-args', '-r', 'map:=chart', '-r', '__ns:=/robot']
+    remap = ('--remap', 'scan=/robot/scan,pose=/robot/pose')
+    with NodeProcess('online_mapper', arguments) as node, Observer() as observer:
+        first = observer.collect(OccupancyGrid, '/robot/chart', LATCHED)
+        drive(observer, bag, 'scans used', *remap)
+        observer.until(lambda: bool(first))
+        settled = len(first)
+        observer.spin_while(lambda: True, 1.5)
+        for qos in (VOLATILE, BEST_EFFORT, LATCHED):
+            maps = observer.collect(OccupancyGrid, '/robot/chart', qos)
+            observer.until(lambda maps=maps: bool(maps), 10.0)
+            assert np.array_equal(as_array(maps[-1]), as_array(first[-1]))
+        assert len(first) > settled
+        assert node.stop() == 0, node.output
