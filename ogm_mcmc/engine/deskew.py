@@ -60,7 +60,7 @@ def bent(scan: Scan, way: Pose2D) -> Scan:
     part = np.linspace(0.0, 1.0, scan.ranges_m.size)
     direction = scan.bearings() + part * way.yaw_rad
     ranges = scan.ranges_m.astype(np.float64)
-    hit = (ranges >= scan.range_min_m) & (ranges <= scan.range_max_m)
+    hit = scan.measured()
     # What met nothing is bent for where it ends, if that is known.
     lengths = np.where(hit, ranges, scan.range_max_m)
     known = np.isfinite(lengths)

@@ -18,7 +18,6 @@ of a map and its truth at once; `first_hits` is the one place where beams meet p
 from ogm_mcmc.evaluation.beam_likelihood import (
     LogDensity,
     beam_log_likelihood,
-    informative_beams,
     log_likelihood_of_samples,
     table_log_density,
 )
@@ -69,7 +68,6 @@ __all__ = [
     'expected_information_gain',
     'first_hits',
     'held_out_beams',
-    'informative_beams',
     'log_likelihood_of_samples',
     'near',
     'occupied_distance_error',

@@ -18,18 +18,17 @@ from functools import partial
 
 import numpy as np
 
-from ogm_mcmc.arrays import AnyArray, BoolArray, Float64Array
+from ogm_mcmc.arrays import AnyArray, Float64Array
 from ogm_mcmc.errors import GridError
 from ogm_mcmc.evaluation.first_hit_kernels import segment_log_sums
 from ogm_mcmc.evaluation.first_hits import FirstHits, first_hits
-from ogm_mcmc.geometry import GridMap, PlacedScan, Scan
+from ogm_mcmc.geometry import GridMap, PlacedScan
 from ogm_mcmc.sensors.forward_model import ForwardModel
 
 __all__ = [
     'LogDensity',
     'beam_log_likelihood',
     'density_within',
-    'informative_beams',
     'log_likelihood_of_samples',
     'table_log_density',
 ]
@@ -57,15 +56,6 @@ def table_log_density(table: AnyArray, step_m: float) -> LogDensity:
     return log_density
 
 
-def informative_beams(scan: Scan, *, no_return: str = 'clear') -> BoolArray:
-    """Beams that say something (REP 117): a range within the limits, or +inf if it counts."""
-    ranges = scan.ranges_m.astype(np.float64)
-    beams = (ranges > 0.0) & (ranges >= scan.range_min_m) & (ranges <= scan.range_max_m)
-    if no_return == 'clear':
-        beams |= ranges == np.inf
-    return np.asarray(beams, np.bool_)
-
-
 def density_within(judge: LogDensity | ForwardModel, reach_m: float) -> LogDensity:
     """Return the density of a judge for beams of one reach."""
     if isinstance(judge, ForwardModel):
@@ -91,7 +81,7 @@ def beam_log_likelihood(
         depth = judge.depth if isinstance(judge, ForwardModel) else 0.5
     parts = [np.empty(0)]
     for scan, belief in placed:
-        beams = informative_beams(scan, no_return=no_return)
+        beams = scan.informative(no_return_clears=no_return == 'clear')
         bearings = scan.bearings()[beams]
         reach = scan.range_max_m
         hits = first_hits(grid_map, belief.mean, bearings, reach, prior=prior, depth=depth)

@@ -26,7 +26,6 @@ import numpy as np
 
 from ogm_mcmc.arrays import AnyArray, BoolArray, Float32Array, Float64Array, Int64Array
 from ogm_mcmc.errors import require
-from ogm_mcmc.evaluation.beam_likelihood import informative_beams
 from ogm_mcmc.geometry import GridSpec, PlacedScan, Pose2D, Scan
 from ogm_mcmc.geometry.rays import usable_range
 
@@ -132,10 +131,10 @@ def held_out_beams(
     for whole, belief in placed:
         scan = _limited(whole, usable_range(whole, spec, max_range_m), no_return)
         if leaving == 'exclude':
-            before = int(informative_beams(scan).sum())
+            before = int(scan.informative().sum())
             scan = _without_leaving(scan, belief.mean, spec)
-            left_out += before - int(informative_beams(scan).sum())
-        beams = informative_beams(scan)
+            left_out += before - int(scan.informative().sum())
+        beams = scan.informative()
         if not beams.any():
             continue
         scans.append(np.full(int(beams.sum()), len(used), np.int64))

@@ -9,7 +9,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from ogm_mcmc.arrays import AnyArray, Float32Array, Float64Array
+from ogm_mcmc.arrays import AnyArray, BoolArray, Float32Array, Float64Array
 from ogm_mcmc.errors import ScanError
 
 __all__ = ['Remark', 'Scan', 'beam_directions', 'say_nothing']
@@ -125,6 +125,19 @@ class Scan:
             float(time_increment_s),
             float(scan_time_s),
         )
+
+    def measured(self) -> BoolArray:
+        """Beams (B,) that met something: a finite range above 0 within the limits (REP 117)."""
+        ranges = self.ranges_m.astype(np.float64)
+        within = (ranges >= self.range_min_m) & (ranges <= self.range_max_m)
+        return np.asarray(within & (ranges > 0.0) & (ranges < np.inf), np.bool_)
+
+    def informative(self, *, no_return_clears: bool = True) -> BoolArray:
+        """Beams (B,) that say anything: those measured, and +inf if `no_return_clears`."""
+        says: BoolArray = self.measured()
+        if no_return_clears:
+            says |= self.ranges_m == np.inf
+        return says
 
     def bearings(self) -> Float64Array:
         """Angles (B,) of the beams in the sensor's frame, rad."""

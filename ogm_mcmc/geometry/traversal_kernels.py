@@ -11,6 +11,8 @@ import math
 import numpy as np
 from numba import njit
 
+from ogm_mcmc.geometry.reading_kernels import is_informative
+
 FRACTION_BITS = 40
 UNIT = float(2**FRACTION_BITS)
 SHIFT = np.int64(FRACTION_BITS)
@@ -198,13 +200,9 @@ def beam_ends(
     left = right = bottom = top = 0.0
     for beam in range(ranges.size):
         reading = np.float64(ranges[beam])
-        if reading == math.inf and no_return_clears:
-            length = reach
-        elif reading > 0.0 and range_min <= reading <= range_max:
-            length = min(reading, reach)
-        else:
+        if not is_informative(reading, range_min, range_max, no_return_clears):
             continue
-        scale = length * cells_per_m
+        scale = min(reading, reach) * cells_per_m
         end_x = x + scale * (directions[0, beam] * cosine - directions[1, beam] * sine)
         end_y = y + scale * (directions[0, beam] * sine + directions[1, beam] * cosine)
         left, right = min(left, end_x), max(right, end_x)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from ogm_mcmc.config import MapperConfig
-from ogm_mcmc.geometry import CellBox, PlacedScan, Scan
+from ogm_mcmc.geometry import CellBox, PlacedScan
 from ogm_mcmc.geometry.rays import on_lattice, usable_range
 from ogm_mcmc.mapping.log_odds_mapper import NOTHING, LogOddsMapper
 from ogm_mcmc.mapping.sonar_kernels import add_cone
@@ -35,11 +35,13 @@ class SonarMapper(LogOddsMapper):
         reach = usable_range(scan, spec, self.config.max_range)
         column, row, x, y = on_lattice(sonar, spec)
         opening = scan.beam_width_rad or self.config.sonar.opening_angle
-        cones = []
-        for bearing, reading in zip(scan.bearings(), scan.ranges_m.tolist(), strict=True):
-            usable = self._usable(reading, scan, reach)
-            if usable is not None:
-                cones.append((sonar.yaw_rad + float(bearing), *usable))
+        says = scan.informative(no_return_clears=self.config.no_return == 'clear')
+        cones = [
+            (sonar.yaw_rad + bearing, min(reading, reach), reading <= reach)
+            for bearing, reading in zip(
+                scan.bearings()[says].tolist(), scan.ranges_m[says].tolist(), strict=True
+            )
+        ]
         box, boxes = NOTHING, []
         for heading, length, hit in cones:
             furthest = (length + (self.config.sonar.thickness if hit else 0.0)) / metres
@@ -71,14 +73,6 @@ class SonarMapper(LogOddsMapper):
                 self._limit,
             )
         return box
-
-    def _usable(self, reading: float, scan: Scan, reach: float) -> tuple[float, bool] | None:
-        """How far a reading (REP 117) says anything, m, and whether there was an echo."""
-        if reading == math.inf:
-            return (reach, False) if self.config.no_return == 'clear' else None
-        if not (reading > 0.0 and scan.range_min_m <= reading <= scan.range_max_m):
-            return None
-        return (reading, True) if reading <= reach else (reach, False)
 
 
 def _around_sector(

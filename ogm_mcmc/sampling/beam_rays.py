@@ -9,7 +9,8 @@ import numpy as np
 from ogm_mcmc.arrays import AnyArray, Float64Array
 from ogm_mcmc.config import WindowConfig
 from ogm_mcmc.errors import GridError
-from ogm_mcmc.geometry import CellBox, GridSpec, PlacedScan, cast_rays
+from ogm_mcmc.geometry import CellBox, GridSpec, PlacedScan
+from ogm_mcmc.geometry.rays import on_lattice, usable_range
 
 __all__ = ['BeamRays', 'limited', 'most_cells', 'rays_of_scan']
 
@@ -45,26 +46,13 @@ def rays_of_scan(placed: PlacedScan, config: WindowConfig, sigma_m: float) -> Be
     if config.beam_stride > 1:
         scan = scan.thinned(config.beam_stride)
     spec = GridSpec(config.resolution, 1, 1)
-    cast = cast_rays(
-        scan,
-        sensor,
-        spec,
-        max_range_m=config.max_range,
-        no_return_clears=config.no_return == 'clear',
-    )
-    n = cast.n_rays
-    # Readings and directions as they are: those of end points were rounded, and an end point
-    # next to the sensor has no direction at all.
-    reading = scan.ranges_m.astype(np.float64)
-    used = (reading > 0.0) & (reading >= scan.range_min_m) & (reading <= scan.range_max_m)
-    if config.no_return == 'clear':
-        used |= reading == np.inf
-    reading = reading[used]
+    reach = usable_range(scan, spec, config.max_range)
+    column, row, x, y = on_lattice(sensor, spec)
+    used = scan.informative(no_return_clears=config.no_return == 'clear')
+    n = int(np.count_nonzero(used))
+    reading = scan.ranges_m[used].astype(np.float64)
     ahead, left = scan.directions()[:, used]
     cosine, sine = np.cos(sensor.yaw_rad), np.sin(sensor.yaw_rad)
-    reach = scan.range_max_m
-    if config.max_range > 0.0:
-        reach = min(reach, config.max_range)
     hit = reading <= reach
     length = np.full(n, reach / config.resolution)
     if config.cut_sigma > 0.0:
@@ -76,10 +64,10 @@ def rays_of_scan(placed: PlacedScan, config: WindowConfig, sigma_m: float) -> Be
             'set max_range'
         )
     return BeamRays(
-        np.full(n, cast.column),
-        np.full(n, cast.row),
-        np.full(n, cast.x),
-        np.full(n, cast.y),
+        np.full(n, column),
+        np.full(n, row),
+        np.full(n, x),
+        np.full(n, y),
         ahead * cosine - left * sine,
         ahead * sine + left * cosine,
         length,

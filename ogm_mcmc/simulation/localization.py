@@ -132,9 +132,7 @@ class ParticleFilter:
 
     def _chosen_beams(self, scan: Scan) -> Float64Array:
         """Indices (B,) of informative beams, evenly spread over the scan."""
-        ranges = scan.ranges_m
-        inside = (ranges >= scan.range_min_m) & (ranges <= scan.range_max_m)
-        informative = np.flatnonzero(inside | (ranges == np.inf))
+        informative = np.flatnonzero(scan.informative())
         step = max(1, math.ceil(informative.size / self.settings.beams))
         return np.asarray(informative[::step])
 

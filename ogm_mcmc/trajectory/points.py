@@ -58,7 +58,7 @@ class ScanPoints(NamedTuple):
 def _points_of(scan: Scan, max_range_m: float) -> Float64Array:
     ranges = scan.ranges_m.astype(np.float64)
     reach = scan.range_max_m if max_range_m <= 0.0 else min(scan.range_max_m, max_range_m)
-    used = (ranges > 0.0) & (ranges >= scan.range_min_m) & (ranges <= reach)
+    used = scan.measured() & (ranges <= reach)
     points: Float64Array = (scan.directions()[:, used] * ranges[used]).T
     return points
 

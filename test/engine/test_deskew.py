@@ -128,6 +128,17 @@ def test_readings_that_are_none_stay_what_they_are():
     assert moved.bearings()[0] == 0.0
 
 
+def test_a_range_of_zero_does_not_become_a_wall():
+    scan = Scan.checked(
+        np.array([1.0, 0.0]),
+        angle_min_rad=0.0,
+        angle_increment_rad=0.1,
+        range_min_m=0.0,
+        range_max_m=20.0,
+    )
+    assert bent(scan, Pose2D(0.3, 0.0, 0.6)).ranges_m[1] == 0.0
+
+
 def test_a_beam_without_limits_keeps_its_direction_in_the_room():
     scan = Scan.checked(
         np.full(3, np.inf),

@@ -16,7 +16,6 @@ from ogm_mcmc.evaluation import (
     beam_log_likelihood,
     expected_information_gain,
     first_hits,
-    informative_beams,
     log_likelihood_of_samples,
     table_log_density,
 )
@@ -135,8 +134,8 @@ def test_samples_know_what_their_mean_does_not():
 
 def test_only_informative_beams_count():
     scan = fan(1.0, np.inf, np.nan, -np.inf, 0.0, 9.0, range_max_m=5.0)
-    assert informative_beams(scan).tolist() == [True, True, False, False, False, False]
-    assert informative_beams(scan, no_return='ignore').sum() == 1
+    assert scan.informative().tolist() == [True, True, False, False, False, False]
+    assert scan.informative(no_return_clears=False).sum() == 1
     here = [PlacedScan.at(scan, Pose2D(0.5, 0.5))]
     assert beam_log_likelihood(corridor(0.5), here, gaussian).size == 2
     assert beam_log_likelihood(corridor(0.5), [], gaussian).size == 0

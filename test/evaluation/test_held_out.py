@@ -14,7 +14,6 @@ from ogm_mcmc.evaluation import (
     beam_log_likelihood,
     expected_information_gain,
     held_out_beams,
-    informative_beams,
     log_likelihood_of_samples,
     ratio_of_sums,
     without_beams_that_leave,
@@ -163,7 +162,7 @@ def test_a_range_to_which_beams_are_used():
         )
         (used, _) = beams.placed[0]
         assert used.range_max_m == 2.0
-        assert used.ranges_m[informative_beams(used)].tolist() == expected
+        assert used.ranges_m[used.informative()].tolist() == expected
     with pytest.raises(GridError, match='set max_range'):
         held_out_beams([PlacedScan.at(fan(1.0, range_max_m=3e5), HERE)], GridSpec(1.0, 3, 1))
     with pytest.raises(ConfigError, match='leaving'):

@@ -54,6 +54,17 @@ def test_rep_117(reading, expected):
     assert lengths(rays) == ([] if expected is None else [expected])
 
 
+def test_inf_says_nothing_if_ignored_though_no_range_max_is_known():
+    rays = cast_rays(
+        ahead(math.inf, 3.0, range_max=math.inf),
+        Pose2D(0.5, 0.5),
+        METRE_CELLS,
+        max_range_m=8.0,
+        no_return_clears=False,
+    )
+    assert lengths(rays) == [(3.0, 1)]
+
+
 @pytest.mark.parametrize(('reading', 'expected'), REP_117)
 def test_the_twin_knows_rep_117(reading, expected):
     assert usable_length(reading, ahead(1.0), MapperConfig()) == expected

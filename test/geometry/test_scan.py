@@ -7,6 +7,7 @@ import pytest
 
 from ogm_mcmc.errors import ScanError
 from ogm_mcmc.geometry import Scan
+from ogm_mcmc.geometry.reading_kernels import is_informative, is_measured
 
 approx = pytest.approx
 
@@ -159,3 +160,24 @@ def test_thinned_beams_are_some_of_them():
         assert some.ranges_m.flags.c_contiguous
         assert some.bearings() == approx(every.bearings()[[0, 3]])
         assert some.time_increment_s == approx(0.03)
+
+
+@pytest.mark.parametrize('clears', [False, True])
+@pytest.mark.parametrize('furthest', [2.0, math.inf])
+def test_what_a_range_says_is_the_same_in_kernels(furthest, clears):
+    """REP 117; a sensor that names no range_max does not make of +inf a range it measured."""
+    below, above = np.nextafter(np.float32(0.5), 0), np.nextafter(np.float32(2.0), 3)
+    ranges = [math.nan, -math.inf, -1.0, -0.0, 0.0, below, 0.5, 1.0, 2.0, above, math.inf]
+    one = scan(ranges, range_min_m=0.5, range_max_m=furthest)
+    measured = [False] * 6 + [True] * 3 + [furthest == math.inf, False]
+    assert one.measured().tolist() == measured
+    assert one.informative(no_return_clears=clears).tolist() == [*measured[:-1], clears]
+    for reading, met, says in zip(
+        one.ranges_m.astype(np.float64), measured, [*measured[:-1], clears], strict=True
+    ):
+        assert is_measured(reading, 0.5, furthest) == met
+        assert is_informative(reading, 0.5, furthest, clears) == says
+
+
+def test_a_range_of_zero_says_nothing_whatever_the_limits():
+    assert scan([0.0, 1e-9], range_min_m=0.0).measured().tolist() == [False, True]
