@@ -67,7 +67,11 @@ def _table(leaves: Iterable[Setting], live: frozenset[str]) -> str:
 
 
 def _leaves(node: str) -> list[Setting]:
-    return [leaf for config in NODES[node][0] for leaf in settings_of(config)]
+    """Return the settings of a node; those of a group (`window.`) follow each other."""
+    leaves = [leaf for config in NODES[node][0] for leaf in settings_of(config)]
+    parents = [leaf.name.rpartition('.')[0] for leaf in leaves]
+    places = [parents.index(parent) if parent else k for k, parent in enumerate(parents)]
+    return [leaves[k] for k in sorted(range(len(leaves)), key=places.__getitem__)]
 
 
 def page() -> str:

@@ -160,7 +160,7 @@ def _run(
         maps = _draw(refinement, options, interrupted)
     result = {
         **_read(options, bag),
-        **_sampled(refinement, progress, chosen.stop, resumed, len(recording)),
+        **_sampled(refinement, progress, chosen.stop, resumed, recording),
         'seconds': round(time.perf_counter() - started, 3),
         'settings': _settings(options, chosen),
     }
@@ -266,7 +266,11 @@ def _read(options: argparse.Namespace, bag: BagScans) -> dict[str, Any]:
 
 
 def _sampled(
-    refinement: Refinement, progress: Progress, stop: StopConfig, resumed: int, scans_used: int
+    refinement: Refinement,
+    progress: Progress,
+    stop: StopConfig,
+    resumed: int,
+    recording: Recording,
 ) -> dict[str, Any]:
     sampler, index = refinement.sampler, refinement.window.index
     assert sampler is not None
@@ -278,7 +282,8 @@ def _sampled(
         if key != 'seconds'
     }
     return {
-        'scans_used': scans_used,
+        'scans_used': len(recording),
+        'scans_let_go': dict(recording.let_go),
         'rays': index.n_rays,
         'pairs': index.n_pairs,
         'memory_mb': round((index.n_bytes + sampler.n_bytes) / 1e6, 1),

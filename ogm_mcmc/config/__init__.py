@@ -15,11 +15,11 @@ from ogm_mcmc.config.mapping import (
 )
 from ogm_mcmc.config.priors import LearningConfig, PatchTableConfig
 from ogm_mcmc.config.random_field import RandomFieldConfig
+from ogm_mcmc.config.recording import KeepConfig, RecordingConfig
 from ogm_mcmc.config.sampling import (
     ChainConfig,
     ForwardModelConfig,
     PatchConfig,
-    RecordingConfig,
     SamplerConfig,
     ShownConfig,
     StopConfig,
@@ -42,6 +42,7 @@ from ogm_mcmc.config.trajectory import PosesConfig, TrajectoryConfig
 __all__ = [
     'ChainConfig',
     'ForwardModelConfig',
+    'KeepConfig',
     'LearningConfig',
     'CountingConfig',
     'EvaluationConfig',

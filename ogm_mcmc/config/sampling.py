@@ -12,7 +12,6 @@ __all__ = [
     'ChainConfig',
     'ForwardModelConfig',
     'PatchConfig',
-    'RecordingConfig',
     'SamplerConfig',
     'ShownConfig',
     'StopConfig',
@@ -250,25 +249,6 @@ class ShownConfig:
         high=0.5,
         live=True,
     )
-
-    def __post_init__(self) -> None:
-        """Refuse what is out of bounds."""
-        check_bounds(self)
-
-
-@dataclass(frozen=True)
-class RecordingConfig:
-    """Which scans are kept for sampling; the oldest go first."""
-
-    max_scans: int = setting(2000, 'scans kept for sampling', low=1, high=10**7, live=True)
-    max_seconds: float = setting(
-        0.0,
-        'scans older than this before the newest are let go, s; 0: none',
-        low=0.0,
-        high=1e9,
-        live=True,
-    )
-    max_rays: int = setting(1_000_000, 'beams kept for sampling', low=1, high=10**9, live=True)
 
     def __post_init__(self) -> None:
         """Refuse what is out of bounds."""

@@ -1,24 +1,44 @@
-"""The most recent placed scans, kept for sampling."""
+"""The placed scans that are kept for sampling.
+
+What comes in and what goes is counted by reason in `let_go`: evidence is never dropped silently.
+"""
 
 from __future__ import annotations
 
 import hashlib
-from collections import deque
-from collections.abc import Sequence
+import math
+from collections import Counter, deque
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from ogm_mcmc.config import RecordingConfig, SamplerConfig
+from ogm_mcmc.engine.coverage import Coverage
 from ogm_mcmc.errors import GridError
-from ogm_mcmc.geometry import CellBox, PlacedScan
+from ogm_mcmc.geometry import CellBox, PlacedScan, wrap_angle
 from ogm_mcmc.sampling import RayWindow, WindowSize
 
-__all__ = ['Recording', 'fingerprint']
+__all__ = ['LET_GO', 'Recording', 'fingerprint']
 
 NS_PER_S = 1_000_000_000
 
 NOTHING = WindowSize(0, 0, CellBox(0, 0, 0, 0))
+
+LET_GO = {
+    'older': 'the window was full and they were the oldest',
+    'too_old': 'they were older than max_seconds',
+    'too_near': 'the sensor had hardly moved, see minimum_travel_distance',
+    'thinned': 'the window was full and others covered their place and heading',
+    'covered': 'others covered their place and heading when they came',
+    'renewed': 'newer ones of another visit took their place',
+}
+
+THINNED_TO = 0.9
+"""So much of a full window stays, that not every scan drives out another."""
+
+ROOMY = 0.5
+"""With less than this left of what was there when the window was full there is room again."""
 
 
 class _Kept(NamedTuple):
@@ -31,16 +51,19 @@ class _Kept(NamedTuple):
 
 
 class Recording:
-    """The most recent placed scans, within limits: the oldest go.
+    """Placed scans within limits; which go first is up to `window.keep`.
 
-    With a `sampler` the memory that its window would need is a limit like the others.
+    With a `sampler` the memory that its window would need is a limit like the others. `let_go`
+    counts scans by the reasons of `LET_GO`.
     """
 
     def __init__(self, config: RecordingConfig, sampler: SamplerConfig | None = None) -> None:
         self.config = config
         self.n_rays = 0  # beams, whether they say anything or not
         self.size = NOTHING  # of the window of these scans
-        self.let_go = 0  # scans
+        self.let_go: Counter[str] = Counter()
+        self.coverage = Coverage()
+        self._full_at = 0  # so many scans there were when the window was full
         self._window: RayWindow | None = None
         if sampler is not None:
             margin = sampler.patch.window_margin
@@ -51,21 +74,54 @@ class Recording:
         """Return the number of scans."""
         return len(self._scans)
 
+    def configure(self, config: RecordingConfig) -> None:
+        """Take over other limits; what they let go goes when the next scan comes."""
+        if config != self.config:
+            self.config = config
+            self.coverage.forget()
+
     def add(self, placement: PlacedScan) -> None:
-        """Keep a scan with the belief about its sensor's pose.
+        """Keep a scan with the belief about its sensor's pose, unless it adds too little.
 
         Raises GridError, with nothing changed, when no window can hold it together with the scan
         before it: a pose gone astray does not drive out all the others.
         """
+        covering = self.config.window.keep == 'coverage'
+        full = covering and self.coverage.is_full(placement)
+        if self._is_near_last(placement):
+            self.let_go['too_near'] += 1
+            return
+        if full and not self.coverage.is_visit(placement):
+            self.let_go['covered'] += 1
+            return
         new = _Kept(placement, self._size_of(placement))
         before = self._scans[-1].size if self._scans else NOTHING
         self._refuse_stray(before.with_more(new.size))
+        if full:
+            self._renew(placement)
         self._scans.append(new)
         self.n_rays += new.beams
         self.size = self.size.with_more(new.size)
-        oldest_ns = placement.scan.stamp_ns - round(self.config.max_seconds * NS_PER_S)
-        while len(self._scans) > 1 and self._beyond_limits(oldest_ns):
-            self._let_go()
+        self.coverage.add(placement)
+        self._let_old_go(placement.scan.stamp_ns)
+        while len(self._scans) > 1 and self._beyond_limits():
+            if covering:
+                self._thin()
+            else:
+                self._let_oldest_go('older')
+
+    def _is_near_last(self, placement: PlacedScan) -> bool:
+        window = self.config.window
+        if not self._scans or window.minimum_travel_distance == 0.0:
+            return False
+        last, scan = self._scans[-1].placement, placement.scan
+        here, there = placement.pose, last.pose
+        return (
+            last.scan.frame_id == scan.frame_id
+            and math.hypot(here.x_m - there.x_m, here.y_m - there.y_m)
+            < window.minimum_travel_distance
+            and abs(wrap_angle(here.yaw_rad - there.yaw_rad)) < window.minimum_travel_heading
+        )
 
     def _size_of(self, placement: PlacedScan) -> WindowSize:
         if self._window is None:
@@ -80,35 +136,97 @@ class Recording:
             f'expected at most max_memory_mb = {self._window.most_bytes / 1e6:g}'
         )
 
-    def _beyond_limits(self, oldest_ns: int) -> bool:
+    def _beyond_limits(self) -> bool:
         config = self.config
         return (
             len(self._scans) > config.max_scans
             or self.n_rays > config.max_rays
-            or (config.max_seconds > 0.0 and self._scans[0].placement.scan.stamp_ns < oldest_ns)
             or (self._window is not None and self.size.n_bytes > self._window.most_bytes)
         )
 
-    def _let_go(self) -> None:
+    # -- what goes --------------------------------------------------------------------------
+
+    def _let_old_go(self, stamp_ns: int) -> None:
+        if self.config.max_seconds == 0.0:
+            return
+        oldest_ns = stamp_ns - round(self.config.max_seconds * NS_PER_S)
+        while len(self._scans) > 1 and self._scans[0].placement.scan.stamp_ns < oldest_ns:
+            self._let_oldest_go('too_old')
+        if len(self._scans) < ROOMY * self._full_at:
+            self._full_at = 0
+            self.coverage.forget()
+
+    def _let_oldest_go(self, reason: str) -> None:
         gone = self._scans.popleft()
+        self.let_go[reason] += 1
         self.n_rays -= gone.beams
-        self.let_go += 1
+        self.coverage.remove(gone.placement)
         rays, pairs, box = self.size
         if _on_border(gone.size.box, box):
-            box = NOTHING.box
-            for kept in self._scans:
-                box = box.union(kept.size.box)
+            box = _box_around(self._scans)
         self.size = WindowSize(rays - gone.size.rays, pairs - gone.size.pairs, box)
+
+    def _thin(self) -> None:
+        """Make room for a tenth of the window."""
+        scans = list(self._scans)
+        self._full_at = len(scans)
+        placed = [kept.placement for kept in scans]
+        chosen = self.coverage.thinned(placed, int(THINNED_TO * len(scans)))
+        self._keep([scans[index] for index in chosen], 'thinned')
+
+    def _renew(self, placement: PlacedScan) -> None:
+        """Let the oldest scan of a place and heading go."""
+        cell = self.coverage.cell_of(placement)
+        scans = list(self._scans)
+        for index, kept in enumerate(scans):
+            if self.coverage.cell_of(kept.placement) == cell:
+                self._keep(scans[:index] + scans[index + 1 :], 'renewed')
+                return
+
+    def _keep(self, scans: Sequence[_Kept], reason: str) -> None:
+        self.let_go[reason] += len(self._scans) - len(scans)
+        self._scans = deque(scans)
+        self.n_rays = sum(kept.beams for kept in scans)
+        rays, pairs = sum(k.size.rays for k in scans), sum(k.size.pairs for k in scans)
+        self.size = WindowSize(rays, pairs, _box_around(scans))
+        self.coverage.count_anew(kept.placement for kept in scans)
 
     def snapshot(self) -> list[PlacedScan]:
         """Return the scans as they are now."""
         return [kept.placement for kept in self._scans]
 
+    def values(self) -> dict[str, object]:
+        """Return what is kept, what went and why, for /diagnostics."""
+        coverage, keep = self.coverage, self.config.window.keep
+        why = 'all: there is room'
+        if keep == 'coverage' and coverage.most is not None:
+            share = f'at most {coverage.most} scan{"s"[: coverage.most > 1]} of each place'
+            why = f'{share} of {coverage.cell_m:g} m and heading of {coverage.cell_rad:.2g} rad'
+        elif keep == 'latest' and self.let_go['older']:
+            why = 'the latest'
+        return {
+            'scans recorded': len(self),
+            'beams recorded': self.n_rays,
+            'kept': why,
+            'scans let go': self.let_go.total(),
+            **{f'let go: {key}': count for key, count in sorted(self.let_go.items())},
+            'memory of a window at most (MB)': f'{self.size.n_bytes / 1e6:.1f}',
+        }
+
     def clear(self) -> None:
         """Forget all scans."""
         self._scans.clear()
-        self.n_rays = self.let_go = 0
+        self.let_go.clear()
+        self.coverage = Coverage()
+        self.n_rays = self._full_at = 0
         self.size = NOTHING
+
+
+def _box_around(scans: Iterable[_Kept]) -> CellBox:
+    box = NOTHING.box
+    for kept in scans:
+        box = box.union(kept.size.box)
+    return box
 
 
 def _on_border(inner: CellBox, outer: CellBox) -> bool:

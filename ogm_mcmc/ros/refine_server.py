@@ -132,10 +132,7 @@ class RefineServer(Node):
         status, recording = self.worker.status, self.recording
         values = {
             **self.intake.values(),
-            'scans recorded': len(recording),
-            'beams recorded': recording.n_rays,
-            'scans let go': recording.let_go,
-            'memory of a window at most (MB)': f'{recording.size.n_bytes / 1e6:.1f}',
+            **recording.values(),
             'state': status.state,
             'scans sampled': status.scans,
             'rays': status.rays,
@@ -238,7 +235,7 @@ class RefineServer(Node):
         self.intake.configure(
             self.parameters.read(IntakeConfig), self.parameters.read(PlacingConfig)
         )
-        self.recording.config = self.parameters.read(RecordingConfig)
+        self.recording.configure(self.parameters.read(RecordingConfig))
         self.worker.map_every_s = self.settings.map_update_interval
         self.maps.show(self.output)
 

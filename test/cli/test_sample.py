@@ -145,7 +145,8 @@ def test_ctrl_c_ends_sampling_and_saves(sample, tmp_path, monkeypatch):
 def test_the_yaml_of_the_node_and_a_start_map(sample, tmp_path):
     (tmp_path / 'mine.yaml').write_text(
         'refine_server:\n  ros__parameters:\n    map_frame: map\n    max_scans: 200\n'
-        '    chain:\n      prior: 0.3\n      seed: 9\n    window:\n      resolution: 0.4\n'
+        '    chain:\n      prior: 0.3\n      seed: 9\n'
+        '    window:\n      resolution: 0.4\n      keep: latest\n'
         'online_mapper:\n  ros__parameters:\n    prior: 0.5\n'
     )
     result = sample('-o', 'out', '--params-file', 'mine.yaml', *FEW, '--seed', '3')
@@ -154,7 +155,8 @@ def test_the_yaml_of_the_node_and_a_start_map(sample, tmp_path):
     assert settings['window.resolution'] == 0.2
     assert result['scans_used'] == 200
     # Two chains from one map and without a sweep to forget it: they begin where it says.
-    started = sample('-o', 'again', *FEW, '--max-scans', '200', '--start-map', 'out/map.npz')
+    few = (*FEW, '--max-scans', '200', '--window.keep', 'latest')
+    started = sample('-o', 'again', *few, '--start-map', 'out/map.npz')
     assert started['settings']['start_map'] == 'out/map.npz'
     assert load_npz(tmp_path / 'again' / 'map.npz').probability.shape == (
         result['height'], result['width'],

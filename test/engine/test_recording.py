@@ -5,6 +5,7 @@ import pytest
 from support.strategies import fan
 
 from ogm_mcmc.config import (
+    KeepConfig,
     PatchConfig,
     RecordingConfig,
     SamplerConfig,
@@ -16,6 +17,7 @@ from ogm_mcmc.geometry import PlacedScan, Pose2D, PoseBelief
 from ogm_mcmc.sampling import RayWindow
 
 SECOND = 1_000_000_000
+LATEST = KeepConfig(keep='latest')
 
 
 def at(x, *ranges, stamp_s=0.0, y=0.01, **changes):
@@ -39,22 +41,23 @@ def kept(recording):
     ],
 )
 def test_the_oldest_go(limits, expected):
-    recording = Recording(RecordingConfig(**limits))
+    recording = Recording(RecordingConfig(window=LATEST, **limits))
     for i in range(10):
         recording.add(at(0.0, stamp_s=i))
     assert kept(recording) == expected
     assert recording.n_rays == 3 * len(expected)
-    assert recording.let_go == 10 - len(expected)
+    assert recording.let_go.total() == 10 - len(expected)
     recording.clear()
-    assert (len(recording), recording.n_rays, recording.let_go) == (0, 0, 0)
+    assert (len(recording), recording.n_rays, recording.let_go.total()) == (0, 0, 0)
 
 
 @pytest.mark.parametrize('patch', [PatchConfig(), PatchConfig(size=9, margin=4)])
 @pytest.mark.parametrize('stride', [1, 2])
-def test_the_size_is_that_of_the_window_of_what_is_kept(patch, stride):
+@pytest.mark.parametrize('keep', ['latest', 'coverage'])
+def test_the_size_is_that_of_the_window_of_what_is_kept(patch, stride, keep):
     """Rays are counted exactly; the box is the very window; pairs and memory are upper bounds."""
     config = SamplerConfig(window=WindowConfig(resolution=0.1, beam_stride=stride), patch=patch)
-    recording = Recording(RecordingConfig(max_scans=6), config)
+    recording = Recording(RecordingConfig(KeepConfig(keep), max_scans=6), config)
     rng = np.random.default_rng(3)
     for i in range(40):
         ranges = rng.uniform(0.2, 5.0, 8)
@@ -63,6 +66,8 @@ def test_the_size_is_that_of_the_window_of_what_is_kept(patch, stride):
         recording.add(at(where, *ranges, y=where / 3, increment=0.7, stamp_s=i))
         window = RayWindow(config.window, config.model, margin=patch.window_margin)
         window.add(recording.snapshot())
+        assert len(recording) <= 6
+        assert recording.n_rays == sum(p.scan.ranges_m.size for p in recording.snapshot())
         assert recording.size.rays == window.index.n_rays
         assert recording.size.box == window.spec.box
         assert window.index.n_pairs <= recording.size.pairs <= 1.3 * window.index.n_pairs + 10
@@ -71,18 +76,18 @@ def test_the_size_is_that_of_the_window_of_what_is_kept(patch, stride):
 
 def test_memory_is_a_limit_like_the_others():
     config = SamplerConfig(window=WindowConfig(resolution=0.01, max_memory_mb=1.0))
-    recording = Recording(RecordingConfig(), config)
+    recording = Recording(RecordingConfig(LATEST), config)
     for i in range(60):
         recording.add(at(0.0, *[5.0] * 20, increment=0.003, stamp_s=i))
         assert recording.size.n_bytes <= 1_000_000
     assert 3 < len(recording) < 10
     assert kept(recording) == list(range(60))[-len(recording) :]
-    assert recording.let_go == 60 - len(recording)
+    assert recording.let_go == {'older': 60 - len(recording)}
 
 
 def test_a_stray_pose_drives_nobody_out():
     config = SamplerConfig(window=WindowConfig(resolution=0.1, max_memory_mb=1.0))
-    recording = Recording(RecordingConfig(), config)
+    recording = Recording(RecordingConfig(LATEST), config)
     for i in range(5):
         recording.add(at(0.2 * i, stamp_s=i))
     size = recording.size
@@ -91,7 +96,7 @@ def test_a_stray_pose_drives_nobody_out():
     with pytest.raises(GridError, match='too far from the map'):
         recording.add(at(1e300, stamp_s=6))
     assert kept(recording) == [0, 1, 2, 3, 4]
-    assert (recording.size, recording.let_go) == (size, 0)
+    assert (recording.size, recording.let_go.total()) == (size, 0)
     # A long walk, on the other hand, leaves behind what lies too far back.
     for i in range(400):
         recording.add(at(0.8 * i, stamp_s=10 + i, y=0.8 * i))
@@ -103,3 +108,92 @@ def test_scans_that_say_nothing_take_no_room():
     recording = Recording(RecordingConfig(), SamplerConfig())
     recording.add(at(0.0, np.nan, -1.0))
     assert (len(recording), recording.n_rays, recording.size.n_bytes) == (1, 2, 0)
+
+
+# -- by coverage ----------------------------------------------------------------------------------
+
+
+def places(recording):
+    return sorted({round(p.pose.x_m) for p in recording.snapshot()})
+
+
+def test_a_robot_that_stands_does_not_push_the_building_out():
+    recording = Recording(RecordingConfig(max_scans=50))
+    for i in range(40):
+        recording.add(at(float(i), stamp_s=i))
+    for i in range(2000):
+        recording.add(at(40.0, stamp_s=40 + i / 40))
+        assert len(recording) <= 50
+    assert places(recording) == list(range(41))
+    assert recording.let_go.total() == 2040 - len(recording)
+    assert recording.let_go['covered'] > 1900
+    # One that was there a minute ago and looks again sees what is there now.
+    recording.add(at(40.0, stamp_s=200.0))
+    assert recording.let_go['renewed'] == 1
+    assert recording.snapshot()[-1].scan.stamp_ns == 200 * SECOND
+
+
+def test_nothing_is_computed_of_a_scan_that_does_not_come_in(monkeypatch):
+    recording = Recording(RecordingConfig(max_scans=10), SamplerConfig())
+    for i in range(20):
+        recording.add(at(0.0, stamp_s=i / 40))
+    monkeypatch.setattr(RayWindow, 'size_of', None)
+    before = len(recording)
+    recording.add(at(0.0, stamp_s=1.0))
+    assert len(recording) == before
+
+
+def test_everything_is_kept_while_there_is_room():
+    recording = Recording(RecordingConfig(max_scans=100))
+    for i in range(100):
+        recording.add(at(0.0, stamp_s=i / 40))
+    assert (len(recording), recording.let_go.total()) == (100, 0)
+    assert recording.values()['kept'] == 'all: there is room'
+    recording.add(at(0.0, stamp_s=3.0))
+    values = recording.values()
+    assert values['kept'] == 'at most 90 scans of each place of 0.1 m and heading of 0.1 rad'
+    assert (values['scans let go'], values['let go: thinned']) == (11, 11)
+    # More may come again as soon as the limit is another.
+    recording.configure(RecordingConfig(max_scans=200))
+    for i in range(100):
+        recording.add(at(0.0, stamp_s=4.0 + i / 40))
+    assert len(recording) == 190
+
+
+def test_there_is_room_again_when_scans_became_too_old():
+    recording = Recording(RecordingConfig(max_scans=20, max_seconds=10.0))
+    for i in range(40):
+        recording.add(at(0.0, stamp_s=i / 40))
+    assert recording.coverage.most is not None
+    recording.add(at(5.0, stamp_s=30.0))
+    assert recording.coverage.most is None
+    for i in range(10):
+        recording.add(at(5.0, stamp_s=30.1 + i / 40))
+    assert kept(recording) == [30] * 11
+
+
+def test_the_memory_of_an_hour_stays_within_its_limit():
+    """The limits hold at every moment, the way stays covered, every scan is accounted for."""
+    config = SamplerConfig(window=WindowConfig(resolution=0.01, max_memory_mb=1.0))
+    recording = Recording(RecordingConfig(max_scans=200, max_rays=500), config)
+    for i in range(3000):
+        recording.add(at(10.0 + 10.0 * np.sin(i / 100.0), stamp_s=i / 10))
+        assert len(recording) <= 200
+        assert recording.n_rays <= 500
+        assert recording.size.n_bytes <= 1_000_000
+        assert len(recording) + recording.let_go.total() == i + 1
+    where = sorted(placed.pose.x_m for placed in recording.snapshot())
+    assert np.diff([0.0, *where, 20.0]).max() < 2.0 * recording.coverage.cell_m < 2.0
+
+
+def test_minimum_travel_is_that_of_slam_toolbox():
+    window = KeepConfig(minimum_travel_distance=0.45, minimum_travel_heading=0.5)
+    recording = Recording(RecordingConfig(window))
+    for i in range(21):
+        recording.add(at(0.1 * i, stamp_s=i))
+    assert [round(p.pose.x_m, 2) for p in recording.snapshot()] == [0.01, 0.51, 1.01, 1.51, 2.01]
+    scan = at(2.0, stamp_s=30.0)
+    recording.add(PlacedScan.at(scan.scan, Pose2D(2.0, 0.01, 0.6)))
+    recording.add(at(2.0, stamp_s=31.0, frame_id='rear'))
+    assert len(recording) == 7
+    assert recording.let_go == {'too_near': 16}

@@ -10,6 +10,7 @@ from support.strategies import fan
 from ogm_mcmc.config import (
     ChainConfig,
     ForwardModelConfig,
+    KeepConfig,
     PatchConfig,
     RecordingConfig,
     SamplerConfig,
@@ -390,7 +391,7 @@ def stamped(seconds, beams=2):
 
 
 def recorded(scans, **limits):
-    recording = Recording(RecordingConfig(**limits))
+    recording = Recording(RecordingConfig(KeepConfig(keep='latest'), **limits))
     for scan in scans:
         recording.add(scan)
     return recording

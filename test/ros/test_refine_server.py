@@ -333,7 +333,11 @@ def test_publisher_vanishes_and_the_end_comes_in_mid_sweep(walks):
 
 
 def test_parameters_while_running(walks):
-    with server(max_sweeps=60, max_time=1000.0, r_hat=0.0) as node, Observer() as observer:
+    latest = {'window__keep': 'latest'}
+    with (
+        server(max_sweeps=60, max_time=1000.0, r_hat=0.0, **latest) as node,
+        Observer() as observer,
+    ):
         client = Client(observer)
         client.record(walks[0])
         too_few = client.set('max_sweeps', ParameterType.PARAMETER_INTEGER, 'integer_value', 50)
@@ -389,7 +393,7 @@ def test_wrong_parameters_end_the_node_with_one_line(parameters, reason):
 
 
 def test_memory_is_a_limit_like_the_others(walks):
-    """A window of 1 MB: the oldest scans go, and what is left can be sampled."""
+    """A window of 1 MB: scans go, and what is left can be sampled."""
     parameters = {'window__max_memory_mb': 1.0, 'max_sweeps': 60, 'r_hat': 0.0}
     with server(**parameters) as node, Observer() as observer:
         client = Client(observer)
