@@ -11,6 +11,7 @@ from ogm_mcmc.config import (
     OutputConfig,
     PatchConfig,
     PlacingConfig,
+    PosesConfig,
     RecordingConfig,
     SamplerConfig,
     ShownConfig,
@@ -151,6 +152,7 @@ class RefineSamplerConfig(SamplerConfig):
 REFINE_CONFIGS = (
     RefineSamplerConfig,
     StopConfig,
+    PosesConfig,
     RecordingConfig,
     OutputConfig,
     ShownConfig,

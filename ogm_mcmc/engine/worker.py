@@ -8,21 +8,28 @@ effect when the round of sampling in progress is over, about 0.1 s.
 from __future__ import annotations
 
 import contextlib
+import operator
 import os
 import threading
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
-from ogm_mcmc.config import SamplerConfig, StopConfig
+from ogm_mcmc.config import PosesConfig, SamplerConfig, StopConfig
+from ogm_mcmc.engine.joint_poses import PoseRefinement, RefinedTrajectory
 from ogm_mcmc.engine.refinement import Progress, Refinement
 from ogm_mcmc.errors import OgmError, WindowError
 from ogm_mcmc.geometry import GridMap, PlacedScan
+from ogm_mcmc.trajectory import TrajectoryProgress
 
 __all__ = ['RefineWorker', 'RefinedMap', 'WorkerStatus']
 
 JOIN_S = 60.0
+
+# There is always time for a round of sampling.
+LEAST_S = 0.01
 
 # Building an index cannot be interrupted, and half of one is worth nothing: nobody waits for it.
 LEAVE_INDEXING_S = 1.0
@@ -32,6 +39,7 @@ class RefinedMap(NamedTuple):
     """A posterior mean as it was handed over, nan where data says nothing; `number` rises by one.
 
     It is the mean of `draws` maps of all chains; a cell of which nothing is known has `prior`.
+    `trajectory` are the poses it was sampled at, where they are estimated.
     """
 
     number: int
@@ -41,16 +49,18 @@ class RefinedMap(NamedTuple):
     scans: int
     stamp_ns: int
     final: bool
+    trajectory: RefinedTrajectory | None = None
 
 
 class WorkerStatus(NamedTuple):
     """What the worker does, how far it is, why it stopped, and what went wrong last."""
 
-    state: str = 'idle'  # idle, indexing, sampling
+    state: str = 'idle'  # idle, refining poses, indexing, sampling
     scans: int = 0
     rays: int = 0
     n_bytes: int = 0
     progress: Progress | None = None
+    poses: TrajectoryProgress | None = None
     stopped: str = ''
     error: str = ''
 
@@ -62,12 +72,40 @@ class _Order(NamedTuple):
     stop: StopConfig
 
 
+class _Poses:
+    """Poses of the scans of orders: refined once for the same scans, gone on with if need be."""
+
+    def __init__(self, config: PosesConfig) -> None:
+        self.config = config
+        self.scans: Sequence[PlacedScan] = ()
+        self.refinement: PoseRefinement | None = None
+        self.placed: list[PlacedScan] = []
+        self.trajectory: RefinedTrajectory | None = None
+
+    def take(self, scans: Sequence[PlacedScan]) -> PoseRefinement:
+        """Return what refines the poses of these scans; that of before where they are the same."""
+        same = len(scans) == len(self.scans) and all(map(operator.is_, scans, self.scans))
+        if self.refinement is None or not same:
+            self.refinement = PoseRefinement(scans, self.config.trajectory)
+            self.scans = scans
+        return self.refinement
+
+    def keep(self) -> None:
+        """Take over the poses as they are now."""
+        assert self.refinement is not None
+        self.placed, self.trajectory = self.refinement.placed(), self.refinement.trajectory()
+
+
 class RefineWorker:
-    """Samples the scans of the last order until a limit, a newer order, `stop` or `close`."""
+    """Samples the scans of the last order until a limit, a newer order, `stop` or `close`.
+
+    With joint poses these are refined first, for half of the time at most.
+    """
 
     def __init__(
         self,
         config: SamplerConfig,
+        poses: PosesConfig | None = None,
         *,
         map_every_s: float = 1.0,
         state_file: Path | None = None,
@@ -83,6 +121,7 @@ class RefineWorker:
         self.result: RefinedMap | None = None
         self.failure: BaseException | None = None
         self._refinement = Refinement(config)
+        self._poses = _Poses(PosesConfig() if poses is None else poses)
         self._handed_over = 0
         self._changed = threading.Condition()  # of a re-entrant lock
         # Guarded by the condition:
@@ -169,6 +208,7 @@ class RefineWorker:
             if self._forget:
                 self._forget = False
                 self._refinement, self.status = Refinement(self.config), WorkerStatus()
+                self._poses = _Poses(self._poses.config)
             self._at_work, self._order = self._order, None
             return self._at_work is not None or self._save or not self._closing
 
@@ -192,9 +232,19 @@ class RefineWorker:
         self.status = self.status._replace(state='idle', stopped='error', error=text)
 
     def _sample(self, order: _Order) -> None:
-        self.status = WorkerStatus('indexing', scans=len(order.scans))
+        scans, stop = order.scans, order.stop
+        self.status = WorkerStatus('indexing', scans=len(scans))
+        if self._poses.config.joint:
+            began = time.monotonic()
+            scans = self._refine_poses(order)
+            if self._cancel not in ('', 'stopped'):
+                self.status = self.status._replace(state='idle', stopped=self._cancel)
+                return
+            left = stop.max_time - (time.monotonic() - began)
+            stop = replace(stop, max_time=max(left, LEAST_S))
+        self.status = self.status._replace(state='indexing')
         refinement = self._refinement
-        self._take(order.scans)
+        self._take(scans)
         assert refinement.sampler is not None
         self.status = self.status._replace(
             state='sampling',
@@ -202,7 +252,7 @@ class RefineWorker:
             n_bytes=refinement.window.index.n_bytes + refinement.sampler.n_bytes,
         )
         next_map_at = time.monotonic()
-        for progress in refinement.run(order.stop, lambda: bool(self._cancel)):
+        for progress in refinement.run(stop, lambda: bool(self._cancel)):
             self.status = self.status._replace(progress=progress)
             if progress.reason:
                 break
@@ -212,6 +262,18 @@ class RefineWorker:
                 self._hand_over(order, progress, final=False)
                 next_map_at = time.monotonic() + self.map_every_s
         self._end(order, progress)
+
+    def _refine_poses(self, order: _Order) -> Sequence[PlacedScan]:
+        """Return the scans where they are after half of the time, or when all is done."""
+        self.status = self.status._replace(state='refining poses')
+        poses = self._poses
+        refinement, moved = poses.take(order.scans), False
+        for progress in refinement.run(0.5 * order.stop.max_time, lambda: bool(self._cancel)):
+            self.status = self.status._replace(poses=progress)
+            moved = True
+        if moved:
+            poses.keep()
+        return poses.placed
 
     def _take(self, scans: Sequence[PlacedScan]) -> None:
         refinement = self._refinement
@@ -250,6 +312,7 @@ class RefineWorker:
                 len(order.scans),
                 order.scans[-1].scan.stamp_ns,
                 final,
+                self._poses.trajectory,
             )
 
     def _write_state(self) -> None:

@@ -16,6 +16,7 @@ from std_srvs.srv import Trigger
 from ogm_mcmc.config import (
     OutputConfig,
     PlacingConfig,
+    PosesConfig,
     RecordingConfig,
     ShownConfig,
     StopConfig,
@@ -36,11 +37,13 @@ from ogm_mcmc.files.output_files import writable_folder
 from ogm_mcmc.files.user_paths import user_path
 from ogm_mcmc.geometry import GridMap
 from ogm_mcmc.io.map_files import save_map
+from ogm_mcmc.io.tum_files import write_beliefs
 from ogm_mcmc.ros.diagnostics import DIAGNOSTICS_S, Diagnostics
 from ogm_mcmc.ros.parameters import ParameterSet
 from ogm_mcmc.ros.refined_maps import RefinedMaps
 from ogm_mcmc.ros.running import run_node
 from ogm_mcmc.ros.scan_intake import ScanIntake
+from ogm_mcmc.ros.trajectory_publisher import TrajectoryPublisher, correction_values
 
 __all__ = ['RefineServer', 'main']
 
@@ -57,6 +60,7 @@ class RefineServer(Node):
             self, REFINE_CONFIGS, REFINE_LIVE_PARAMETERS, refine_settings_agree
         )
         self.sampler = self.parameters.read(RefineSamplerConfig)
+        self.poses = self.parameters.read(PosesConfig)
         self._read_live()
         self.recording = Recording(self.parameters.read(RecordingConfig), self.sampler)
         self.intake = ScanIntake(
@@ -72,6 +76,7 @@ class RefineServer(Node):
 
         self.worker = RefineWorker(
             self.sampler,
+            self.poses,
             map_every_s=self.settings.map_update_interval,
             state_file=state_file,
             niceness=self.settings.niceness,
@@ -80,6 +85,7 @@ class RefineServer(Node):
         self.maps = RefinedMaps(
             self, self.intake.settings.map_frame, self.parameters.read(OutputConfig), self.shown
         )
+        self.trajectory = TrajectoryPublisher(self)
         self.diagnostics = Diagnostics(self, 'refining')
         self._reported_error = ''
         self.create_service(Trigger, '~/refine', self.on_refine)
@@ -122,6 +128,7 @@ class RefineServer(Node):
         result = self.worker.result
         if result is not None:
             self.maps.publish(result, self.settings.latched_interval)
+            self.trajectory.publish(result.trajectory, self.intake.settings.map_frame)
 
     def shown(self, result: RefinedMap) -> GridMap:
         """Return a map with nan where it is no more certain than the prior."""
@@ -129,7 +136,7 @@ class RefineServer(Node):
 
     def publish_diagnostics(self) -> None:
         """Say how it goes: what was recorded, how far sampling is, why it stopped."""
-        status, recording = self.worker.status, self.recording
+        status, recording, result = self.worker.status, self.recording, self.worker.result
         values = {
             **self.intake.values(),
             **recording.values(),
@@ -138,6 +145,8 @@ class RefineServer(Node):
             'rays': status.rays,
             'memory (MB)': f'{status.n_bytes / 1e6:.1f}',
             **_progress_values(status.progress),
+            'poses': self.poses.poses,
+            **correction_values(None if result is None else result.trajectory),
             'stopped because': status.stopped,
             'last error': status.error,
             'maps published': self.maps.map.topic.sent,
@@ -198,11 +207,15 @@ class RefineServer(Node):
         self.recording.clear()
         self.intake.clear()
         self.maps.clear(self.sampler.window.resolution)
+        self.trajectory.clear(self.intake.settings.map_frame)
         response.success, response.message = True, f'forgot {forgotten} scans'
         return response
 
     def on_save_map(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Save the newest refined map as PGM, YAML and PNG; the state file follows."""
+        """Save the newest refined map as PGM, YAML and PNG; the state file follows.
+
+        With joint poses these are saved beside it, as NAME_trajectory.txt with deviations.
+        """
         result = self.worker.result
         if result is None:
             response.success = False
@@ -211,7 +224,11 @@ class RefineServer(Node):
         grid_map = self.shown(result).cropped()
         try:
             folder = user_path(self.settings.save_directory, 'save_directory')
-            paths = save_map(grid_map, folder, self.output, self.settings.save_name)
+            name = self.settings.save_name
+            paths = save_map(grid_map, folder, self.output, name)
+            if result.trajectory is not None:
+                stamps_ns, beliefs, _ = result.trajectory
+                write_beliefs(folder / f'{name}_trajectory.txt', stamps_ns, beliefs)
         except OgmError as error:
             response.success, response.message = False, str(error)
         else:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 
 from ogm_mcmc.arrays import Float64Array
-from ogm_mcmc.geometry import Pose2D, Scan
+from ogm_mcmc.geometry import PlacedScan, Pose2D, PoseBelief, Scan
 from ogm_mcmc.simulation.lidar import true_ranges
+from ogm_mcmc.trajectory.points import poses_of
 
-__all__ = ['ROOM', 'path_through', 'scans_of']
+__all__ = ['ROOM', 'noisy_drive', 'path_through', 'scans_of']
 
 # Walls (W, 4), m: a room of 6 x 4 m with a wall standing into it and a box.
 ROOM = np.array(
@@ -40,3 +44,23 @@ def scans_of(poses: Float64Array, beams: int, noise_m: float, seed: int = 0) -> 
         )
         for x, y, yaw in poses
     ]
+
+
+def noisy_drive(
+    noise: Sequence[float] = (0.06, 0.06, 0.03),
+) -> tuple[Float64Array, list[PlacedScan]]:
+    """Return 16 true poses, and scans of the room placed where a poor localizer puts them.
+
+    Its walls run through the middle of cells of 0.1 m.
+    """
+    truth = path_through(16)
+    off = truth + np.random.default_rng(4).normal(size=truth.shape) * noise
+    scans = scans_of(truth, 180, 0.01)
+    for poses in (truth, off):
+        poses[:, :2] += 0.05
+    covariance = np.diag(np.square(noise))
+    placed = [
+        PlacedScan(replace(scan, stamp_ns=k), PoseBelief(pose, covariance))
+        for k, scan, pose in zip(range(1, 17), scans, poses_of(off), strict=True)
+    ]
+    return truth, placed
