@@ -264,7 +264,7 @@ class OutputConfig:
 
 @dataclass(frozen=True)
 class MountConfig:
-    """Where the sensor sits in the base frame; used with `mount_source: parameters`."""
+    """Where the sensor sits in the base frame; see `mount_source`."""
 
     x: float = setting(0.0, 'sensor ahead of the base, m', low=-100.0, high=100.0)
     y: float = setting(0.0, 'sensor to the left of the base, m', low=-100.0, high=100.0)

@@ -22,6 +22,7 @@ from ogm_mcmc.config import (
     setting,
     settings_of,
 )
+from ogm_mcmc.config.pose_sources import POSE_SOURCES, POSE_SOURCES_TEXT
 
 __all__ = [
     'LIVE_PARAMETERS',
@@ -49,21 +50,23 @@ def live_parameters(configs: Iterable[type]) -> frozenset[str]:
 class IntakeConfig:
     """How a node receives scans and poses."""
 
-    map_frame: str = setting('map', 'frame of the map and of the poses')
+    map_frame: str = setting(
+        'map', 'frame of the map and of the poses; with pose_source odom that of the odometry'
+    )
     base_frame: str = setting(
-        'base_link', 'frame the poses are of (pose_source tf, mount from tf)'
+        'base_link', 'frame the poses are of and sensors sit on; odometry names its own'
     )
     sensor_frame: str = setting('', 'scans must carry this frame_id; empty: any')
     pose_source: str = setting(
         'pose',
-        'pose: PoseWithCovarianceStamped; particles: PoseArray; particle_cloud: ParticleCloud, '
-        'where nav2_msgs is installed; tf: where tf2_ros is installed',
-        choices=('pose', 'particles', 'particle_cloud', 'tf'),
+        f'where poses come from, and the topic: {POSE_SOURCES_TEXT}',
+        choices=tuple(POSE_SOURCES),
     )
     mount_source: str = setting(
-        'parameters',
-        'where the sensor sits: mount.* parameters, or tf from base_frame to the scan frame',
-        choices=('parameters', 'tf'),
+        'auto',
+        'where sensors sit: mount.* parameters, or tf from base_frame to the frame of the scan; '
+        'auto: the parameters if they name a place, else tf where it is there',
+        choices=('auto', 'parameters', 'tf'),
     )
     transform_timeout: float = setting(
         1.0,
@@ -74,6 +77,21 @@ class IntakeConfig:
     )
     max_waiting_scans: int = setting(
         1000, 'scans that may wait for a pose at once; the oldest go first', low=1, high=100000
+    )
+    stale_after: float = setting(
+        10.0,
+        'without a scan that can be used for so long the diagnostics say ERROR, s',
+        low=0.1,
+        high=86400.0,
+        live=True,
+    )
+    correction_warning: float = setting(
+        0.3,
+        'a step of map -> odom that moves the robot, or a wall 3 m away, by more than this at '
+        'once is warned about: older scans may lie wrong; 0: never, m',
+        low=0.0,
+        high=1e6,
+        live=True,
     )
 
     def __post_init__(self) -> None:

@@ -110,6 +110,11 @@ class Mounts:
         moves = self.transforms.mount_moves(frame)
         return self._found(frame, mount, 'tf' if moves else 'tf_static')
 
+    def restart(self, stamp_ns: int) -> None:
+        """Forget what moves ahead of a stamp: time started again there."""
+        if self.transforms is not None:
+            self.transforms.restart(stamp_ns)
+
     def stop_waiting(self) -> None:
         """Wait no longer for frames that tf does not know: too many scans do."""
         for frame in list(self._first_s):

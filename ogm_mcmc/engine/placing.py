@@ -95,6 +95,10 @@ class MountSource(Protocol):
         """Return the mount of a frame at a stamp; raises Waiting or Unplaceable."""
         ...
 
+    def restart(self, stamp_ns: int) -> None:
+        """Forget what moves ahead of a stamp: time started again there."""
+        ...
+
 
 class PoseHistory:
     """Recent beliefs about the robot's pose, in order of their stamps.
@@ -306,6 +310,8 @@ class ScanPlacer:
             if last > stamp_ns + RESTART_NS:
                 del self._last_stamp_ns[frame]
         self.source.restart(stamp_ns)
+        if self.mounts is not None:
+            self.mounts.restart(stamp_ns)
 
     def clear(self) -> None:
         """Forget waiting scans and poses, not the counts."""

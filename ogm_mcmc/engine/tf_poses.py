@@ -64,6 +64,14 @@ class TfPoses:
             raise Unplaceable('pose_unusable') from None
         return PoseBelief(pose)
 
+    def why_not(self, stamp_ns: int) -> str:
+        """Return what is missing for a pose at a stamp; empty where nothing is."""
+        try:
+            self.tree.edges(self.map_frame, self.base_frame, stamp_ns, max_gap_ns=self.max_gap_ns)
+        except TransformError as error:
+            return str(error)
+        return ''
+
     def restart(self, stamp_ns: int) -> None:
         """Forget what moves where it lies ahead of a stamp: time started again there."""
         self.tree.restart(stamp_ns)

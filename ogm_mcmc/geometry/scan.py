@@ -146,6 +146,12 @@ class Scan:
         steps = np.arange(self.ranges_m.size, dtype=np.float64)
         return np.asarray(self.angle_min_rad + self.angle_increment_rad * steps, np.float64)
 
+    def n_informative(self) -> int:
+        """Return how many beams say something: a return within the limits, or inf."""
+        ranges = self.ranges_m
+        says = (ranges >= self.range_min_m) & (ranges <= self.range_max_m)
+        return int(np.count_nonzero(says | (ranges == np.inf)))
+
     def directions(self) -> Float64Array:
         """Unit vectors (2, B) of the beams."""
         if self.bearings_rad is not None:

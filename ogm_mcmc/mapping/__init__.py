@@ -126,6 +126,7 @@ from ogm_mcmc.mapping.method import (
     extras_of,
     live_settings,
     make_method,
+    uses_covariance,
 )
 from ogm_mcmc.mapping.pose_uncertain import PoseUncertainMapper
 from ogm_mcmc.mapping.random_field import RandomFieldMapper
@@ -147,4 +148,5 @@ __all__ = [
     'extras_of',
     'live_settings',
     'make_method',
+    'uses_covariance',
 ]

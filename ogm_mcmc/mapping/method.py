@@ -30,6 +30,7 @@ __all__ = [
     'extras_of',
     'live_settings',
     'make_method',
+    'uses_covariance',
 ]
 
 
@@ -123,6 +124,11 @@ def extras_of(name: str, method: MappingMethod, box: CellBox) -> Extras:
 def all_tables() -> frozenset[str]:
     """Return the names of the tables of all methods."""
     return frozenset(table for one in METHODS.values() for table in one.tables)
+
+
+def uses_covariance(method: str) -> bool:
+    """Return whether a method maps with the belief about a pose, not only with its mean."""
+    return 'pose_uncertain' in METHODS[method].uses
 
 
 def live_settings(method: str) -> frozenset[str]:

@@ -23,7 +23,7 @@ from ogm_mcmc.engine.saved_map import MapToSave, replacing_map
 from ogm_mcmc.errors import OgmError
 from ogm_mcmc.files.user_paths import user_path
 from ogm_mcmc.geometry import PlacedScan
-from ogm_mcmc.mapping import live_settings
+from ogm_mcmc.mapping import live_settings, uses_covariance
 from ogm_mcmc.pipeline import MappingPipeline, warm_up
 from ogm_mcmc.ros.diagnostics import DIAGNOSTICS_S, Diagnostics
 from ogm_mcmc.ros.live_maps import LiveMaps
@@ -53,6 +53,7 @@ class OnlineMapper(Node):
             self.parameters.read(PlacingConfig),
             self.map_scan,
             sonar=self.pipeline.config.method == 'sonar',
+            with_covariance=uses_covariance(self.pipeline.config.method),
         )
 
         started = time.monotonic()
@@ -112,13 +113,14 @@ class OnlineMapper(Node):
             'map size (cells)': f'{spec.width} x {spec.height}',
             'maps published': self.maps.map.topic.sent,
             'paused': self.intake.paused,
-            **self.intake.dropped(),
+            **self.intake.problems.values(),
         }
-        dropped = sum(self.intake.problems().values())
+        dropped = self.intake.problems.all().total()
         self.diagnostics.publish(
             f'{used} scans mapped, {dropped} messages dropped',
             values,
-            warn=bool(self.intake.new_problems()),
+            warn=bool(self.intake.problems.new()),
+            health=self.intake.health(),
         )
 
     # -- services and parameters ------------------------------------------------------------

@@ -2,13 +2,28 @@
 
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-__all__ = ['LATCHED', 'POSES', 'SENSOR']
+__all__ = ['LATCHED', 'POSES', 'SENSOR', 'TF', 'TF_STATIC', 'best_effort']
+
+
+def best_effort(depth: int) -> QoSProfile:
+    """Return a profile that hears publishers of either kind."""
+    return QoSProfile(depth=depth, reliability=ReliabilityPolicy.BEST_EFFORT)
+
 
 # Fits publishers of either kind; a second of scans deep, so that growing or saving a very large
 # map loses none.
-SENSOR = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
+SENSOR = best_effort(50)
 
 POSES = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
+
+# As tf2 has them.
+TF = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
+
+TF_STATIC = QoSProfile(
+    depth=100,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
 
 LATCHED = QoSProfile(
     depth=1,

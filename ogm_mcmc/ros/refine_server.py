@@ -150,15 +150,15 @@ class RefineServer(Node):
             'stopped because': status.stopped,
             'last error': status.error,
             'maps published': self.maps.map.topic.sent,
-            **self.intake.dropped(),
+            **self.intake.problems.values(),
         }
         new_error = status.error != self._reported_error
         self._reported_error = status.error
         message = f'{len(recording)} scans recorded, {status.state}'
         if status.stopped:
             message += f' ({status.stopped})'
-        warn = bool(self.intake.new_problems()) or (new_error and bool(status.error))
-        self.diagnostics.publish(message, values, warn=warn)
+        warn = bool(self.intake.problems.new()) or (new_error and bool(status.error))
+        self.diagnostics.publish(message, values, warn=warn, health=self.intake.health())
 
     # -- services and parameters ------------------------------------------------------------
 
@@ -167,7 +167,7 @@ class RefineServer(Node):
         recording, size = self.recording, self.recording.size
         limit = self.sampler.window.max_memory_mb
         if len(recording) == 0:
-            waiting, lost = len(self.intake.placer), sum(self.intake.problems().values())
+            waiting, lost = len(self.intake.placer), self.intake.problems.all().total()
             response.success, response.message = (
                 False,
                 f'no scan was recorded yet: nothing to sample ({waiting} scans wait for a pose, '

@@ -5,27 +5,40 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
-from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from sensor_msgs.msg import LaserScan, Range
 
 from ogm_mcmc.config import PlacingConfig
 from ogm_mcmc.config.nodes import IntakeConfig
-from ogm_mcmc.engine.placing import DROP_REASONS, PoseHistory, ScanPlacer, sensor_mount
-from ogm_mcmc.errors import ConfigError, GridError, PoseError, ScanError
-from ogm_mcmc.geometry import PlacedScan, Scan, SensorMount
+from ogm_mcmc.engine.mounts import MountFound, Mounts
+from ogm_mcmc.engine.placing import DROP_REASONS, PoseHistory, PoseSource, ScanPlacer
+from ogm_mcmc.engine.pose_watch import Corrections, RarePoses
+from ogm_mcmc.engine.tf_poses import TfPoses
+from ogm_mcmc.engine.transform_tree import TransformTree
+from ogm_mcmc.errors import GridError, PoseError, ScanError
+from ogm_mcmc.geometry import PlacedScan, Scan
+from ogm_mcmc.geometry.rigid_transform import StampedTransform
 from ogm_mcmc.io import messages
 from ogm_mcmc.ros import qos
-from ogm_mcmc.ros.tf_poses import TfTree
+from ogm_mcmc.ros.intake_health import Health, IntakeHealth
+from ogm_mcmc.ros.pose_topics import AnyReliability, message_class, pose_reader
+from ogm_mcmc.ros.problems import Problems
+from ogm_mcmc.ros.tf_listener import TF_STATIC_TOPIC, TF_TOPIC, TfListener, tf_is_installed
 
 __all__ = ['ScanIntake']
 
-WARN_EVERY_S = 5.0
+# Transforms are kept this long at least.
+KEEP_TF_S = 30.0
 
-# Counted beside the problems, but none themselves.
-NO_PROBLEMS = ('scans_received', 'poses_received', 'scans_while_paused')
+# How long a best-effort publisher may go unheard.
+ADAPT_EVERY_S = 0.2
+
+# Drops for want of a pose: the log says what is not there.
+POSE_MISSING = ('pose_timeout', 'scan_before_poses', 'pose_unavailable', 'pose_gap')
 
 UseScan = Callable[[PlacedScan], None]
 
@@ -36,7 +49,9 @@ class ScanIntake:
     What cannot be used is counted under a reason and warned about, at most every five seconds
     for each; a GridError of `use` counts as well. Call `subscribe` when the node is ready, and
     `pass_on` now and then: scans that waited too long are dropped there. With `sonar` the scans
-    are the readings on `range`.
+    are the readings on `range`; without `with_covariance` nobody looks at that of the poses.
+
+    Raises ConfigError where messages that are asked for are not installed.
     """
 
     def __init__(
@@ -47,6 +62,7 @@ class ScanIntake:
         use: UseScan,
         *,
         sonar: bool = False,
+        with_covariance: bool = True,
     ) -> None:
         self.node = node
         self.settings = settings
@@ -55,30 +71,49 @@ class ScanIntake:
         self.sonar = sonar
         self.paused = False
         self.counts: Counter[str] = Counter()
-        self._warned_at: dict[str, float] = {}
-        self._reported: Counter[str] = Counter()
-        self._mounts: dict[str, SensorMount] = {}
-        uses_tf = 'tf' in (settings.pose_source, settings.mount_source)
-        self.tf = TfTree(node, settings.map_frame, settings.base_frame) if uses_tf else None
-        self.placer = self._make_placer()
+        self._read_pose = pose_reader(settings.pose_source, with_covariance=with_covariance)
+        self._rare_poses = RarePoses()
+        self._pose_topic: AnyReliability | None = None
+        self._pose_frame = ''
 
-    def _make_placer(self) -> ScanPlacer:
-        settings = self.settings
-        if settings.pose_source == 'tf':
-            assert self.tf is not None
-            source: Any = self.tf
-        else:
-            source = PoseHistory(
-                max_gap_s=self.placing.max_pose_gap,
-                max_speed_m_s=self.placing.max_speed,
-                max_turn_rad_s=self.placing.max_turn_rate,
-            )
-        return ScanPlacer(
-            source,
-            timeout_s=settings.transform_timeout,
-            max_waiting=settings.max_waiting_scans,
-            on_drop=self.on_drop,
+        frames = settings.map_frame, settings.base_frame
+        self.transforms = TfPoses(TransformTree(KEEP_TF_S), *frames)
+        self._corrections = Corrections(self.transforms.tree, *frames)
+        self.tf = self._listener()
+        self.mounts = Mounts(
+            placing.mount,
+            settings.base_frame,
+            source=settings.mount_source,
+            transforms=self.transforms if self.tf else None,
+            patience_s=settings.transform_timeout,
+            tell=self.on_mount,
         )
+        from_tf = settings.pose_source == 'tf'
+        source: PoseSource = self.transforms if from_tf else PoseHistory()
+        self.placer = ScanPlacer(source, mounts=self.mounts, on_drop=self.on_drop)
+        self.problems = Problems(node, lambda: self.placer.dropped)
+        topics = [TF_TOPIC, TF_STATIC_TOPIC] if from_tf else [self._topic(settings.pose_source)]
+        self.watch = IntakeHealth(node, [self._topic('range' if sonar else 'scan')], topics)
+        self.configure(settings, placing)
+
+    def _topic(self, name: str) -> str:
+        return str(self.node.resolve_topic_name(name))
+
+    def _listener(self) -> TfListener | None:
+        """Return what listens to tf where it is asked for, or there and of use."""
+        settings = self.settings
+        asked = 'tf' in (settings.pose_source, settings.mount_source)
+        if asked:
+            message_class('tf')  # better said now than when all is ready
+        if asked or (settings.mount_source == 'auto' and tf_is_installed()):
+            return TfListener(
+                self.node,
+                self.transforms.tree,
+                on_moving=self.on_moving,
+                on_message=self.on_transforms,
+                on_fault=self.on_fault,
+            )
+        return None
 
     def subscribe(self) -> None:
         """Begin to receive."""
@@ -87,21 +122,27 @@ class ScanIntake:
             subscribe(Range, 'range', self.on_range, qos.SENSOR)
         else:
             subscribe(LaserScan, 'scan', self.on_scan, qos.SENSOR)
-        if self.settings.pose_source == 'pose':
-            subscribe(PoseWithCovarianceStamped, 'pose', self.on_pose, qos.POSES)
-        elif self.settings.pose_source == 'particles':
-            subscribe(PoseArray, 'particles', self.on_particles, qos.POSES)
-        elif self.settings.pose_source == 'particle_cloud':
-            subscribe(particle_cloud_type(), 'particle_cloud', self.on_particles, qos.POSES)
+        if self.tf is not None:
+            self.tf.subscribe()
+        name = self.settings.pose_source
+        if name != 'tf':
+            self._pose_topic = AnyReliability(self.node, message_class(name), name, self.on_pose)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.node.create_timer(ADAPT_EVERY_S, self.adapt, clock=steady)
 
     def configure(self, settings: IntakeConfig, placing: PlacingConfig) -> None:
         """Take over what may change while the node runs."""
-        self.settings, self.placing = settings, placing
-        self.placer.timeout_s = settings.transform_timeout
-        if isinstance(self.placer.source, PoseHistory):
-            self.placer.source.max_gap_ns = round(placing.max_pose_gap * 1e9)
-            self.placer.source.max_speed_m_s = placing.max_speed
-            self.placer.source.max_turn_rad_s = placing.max_turn_rate
+        # The frame of the map is fixed at start, or by the odometry.
+        self.settings = replace(settings, map_frame=self.settings.map_frame)
+        self.placing = placing
+        self.placer.timeout_s = self.mounts.patience_s = settings.transform_timeout
+        self.placer.max_waiting = settings.max_waiting_scans
+        self.placer.deskew = placing.deskew
+        for source in (self.placer.source, self.transforms):
+            if isinstance(source, PoseHistory | TfPoses):
+                source.max_gap_ns = round(placing.max_pose_gap * 1e9)
+                source.max_speed_m_s = placing.max_speed
+                source.max_turn_rad_s = placing.max_turn_rate
 
     def clear(self) -> None:
         """Forget the waiting scans and the poses, not the counts."""
@@ -111,51 +152,99 @@ class ScanIntake:
 
     def on_scan(self, msg: LaserScan) -> None:
         """Queue a scan and pass on whatever can be placed."""
-        self.take_scan(msg, messages.read_scan)
+        self.take_scan(msg, lambda scan: messages.read_scan(scan, self.problems.remark))
 
     def on_range(self, msg: Range) -> None:
         """Queue the reading of a sonar; it is placed like a scan."""
         self.take_scan(msg, messages.read_range)
 
-    def take_scan(self, msg: Any, read: Any) -> None:
+    def take_scan(self, msg: Any, read: Callable[[Any], Scan]) -> None:
         """Queue a scan, unless it is of another frame or invalid."""
         self.counts['scans_received'] += 1
-        wanted = self.settings.sensor_frame
+        self.watch.scan_came()
+        wanted, frame = self.settings.sensor_frame, messages.frame_of(msg)
         if self.paused:
             self.counts['scans_while_paused'] += 1
-        elif wanted and messages.frame_of(msg) != wanted:
-            self.warn(
-                'scan_wrong_frame', f'scan from {msg.header.frame_id!r}: expected {wanted!r}'
-            )
-        else:
-            try:
-                self.placer.add_scan(read(msg), time.monotonic())
-            except ScanError as error:
-                self.warn('scan_invalid', f'scan dropped: {error}')
-            self.pass_on()
-
-    def on_pose(self, msg: PoseWithCovarianceStamped) -> None:
-        """Take a pose and pass on the scans that waited for it."""
-        self.take_pose(msg, messages.read_pose)
-
-    def on_particles(self, msg: Any) -> None:
-        """Take a PoseArray or a ParticleCloud and pass on the scans that waited for it."""
-        self.take_pose(msg, messages.read_particles)
-
-    def take_pose(self, msg: Any, read: Any) -> None:
-        """Add a pose to the history, unless it is of another frame or invalid."""
-        self.counts['poses_received'] += 1
-        frame = messages.frame_of(msg)
-        if frame != self.settings.map_frame:
-            expected = self.settings.map_frame
-            self.warn('pose_wrong_frame', f'pose in frame {frame!r}: expected {expected!r}')
+            return
+        if wanted and frame != wanted:
+            self.problems.warn('scan_wrong_frame', f'scan from {frame!r}: expected {wanted!r}')
             return
         try:
-            self.placer.add_pose(messages.stamp_of(msg), read(msg), time.monotonic())
-        except PoseError as error:
-            self.warn('pose_invalid', f'pose dropped: {error}')
-            return
+            scan = read(msg)
+        except ScanError as error:
+            self.problems.warn('scan_invalid', f'scan of {frame!r} dropped: {error}')
+        else:
+            self._queue(scan)
         self.pass_on()
+
+    def _queue(self, scan: Scan) -> None:
+        used = scan.n_informative()
+        self.counts['beams_ignored'] += scan.ranges_m.size - used
+        if used == 0:
+            self.problems.warn(
+                'scan_says_nothing',
+                f'scan of {scan.frame_id!r} dropped: none of its {scan.ranges_m.size} ranges is '
+                f'from range_min {scan.range_min_m:g} to range_max {scan.range_max_m:g} or inf',
+            )
+            return
+        if 2 * len(self.placer) > self.placer.max_waiting:
+            self.mounts.stop_waiting()
+        self.placer.add_scan(scan, time.monotonic())
+
+    def on_pose(self, msg: Any) -> None:
+        """Add a pose to the history, unless it is of another frame or invalid."""
+        self.counts['poses_received'] += 1
+        self.watch.pose_came()
+        frame = messages.frame_of(msg)
+        if self.settings.pose_source == 'odom' and not self._pose_frame:
+            self._follow_odometry(frame, str(msg.child_frame_id).lstrip('/'))
+        if frame != self.settings.map_frame:
+            expected = self.settings.map_frame
+            self.problems.warn(
+                'pose_wrong_frame',
+                f'pose in frame {frame!r}: expected {expected!r} (parameter map_frame)',
+            )
+            return
+        stamp_ns = messages.stamp_of(msg)
+        try:
+            belief = self._read_pose(msg)
+        except PoseError as error:
+            self.problems.warn('pose_invalid', f'pose dropped: {error}')
+            return
+        self.placer.add_pose(stamp_ns, belief, time.monotonic())
+        if rare := self._rare_poses.add(stamp_ns, belief.mean):
+            self.node.get_logger().warning(rare)
+        self.pass_on()
+
+    def _follow_odometry(self, frame: str, child: str) -> None:
+        """Draw the map in the frame of the odometry; sensors sit on what it is the odometry of."""
+        self._pose_frame = frame
+        if frame != self.settings.map_frame:
+            self.node.get_logger().info(
+                f'the map is drawn in the frame of the odometry, {frame!r}'
+            )
+            self.settings = replace(self.settings, map_frame=frame)
+        if child and child != self.mounts.base_frame:
+            self.node.get_logger().info(f'the odometry is that of {child!r}: sensors sit on it')
+            self.mounts.base_frame = self.transforms.base_frame = child
+
+    def on_moving(self, entry: StampedTransform) -> None:
+        """Notice that the past was corrected."""
+        correction = self._corrections.add(entry, self.settings.correction_warning)
+        if correction and self.settings.pose_source == 'tf':
+            self.problems.warn('map_corrected', correction)
+
+    def on_transforms(self) -> None:
+        """Pass on the scans that waited for transforms."""
+        if self.settings.pose_source == 'tf':
+            self.counts['poses_received'] += 1
+            self.watch.pose_came()
+        if len(self.placer) > 0:
+            self.pass_on()
+
+    def on_fault(self, text: str) -> None:
+        """Count a transform that is none."""
+        self.problems.warn('tf_invalid', f'transform dropped: {text}')
 
     # -- placed scans out -------------------------------------------------------------------
 
@@ -164,59 +253,60 @@ class ScanIntake:
         if self.paused:
             return
         for taken in self.placer.placed(time.monotonic()):
-            scan = taken.scan
-            mount = self.mount_of(scan)
-            if mount is None:
-                self.warn('scan_no_mount', f'tf does not know {scan.frame_id!r} on the base yet')
-                continue
             try:
-                self.use(taken.on_mount(mount))
+                self.use(taken.on_mount())
             except GridError as error:
-                self.warn('scan_off_map', f'scan dropped: {error}')
+                self.problems.warn('scan_off_map', f'scan dropped: {error}')
+            else:
+                self.counts['beams_used'] += taken.scan.n_informative()
+                self.watch.scan_used()
 
-    def mount_of(self, scan: Scan) -> SensorMount | None:
-        """Return where the sensor of a scan sits, None while it is not known."""
-        if self.settings.mount_source == 'parameters':
-            return sensor_mount(self.placing.mount, scan.frame_id)
-        if scan.frame_id not in self._mounts:
-            assert self.tf is not None
-            try:
-                found = self.tf.mount_of(scan.frame_id)
-            except PoseError as error:
-                self.warn('scan_bad_mount', f'mount of {scan.frame_id!r}: {error}')
-                return None
-            if found is None:
-                return None
-            self._mounts[scan.frame_id] = found
-        return self._mounts[scan.frame_id]
+    def adapt(self) -> None:
+        """Hear publishers that are best effort as well."""
+        for topic in (self._pose_topic, self.tf):
+            if topic is not None:
+                topic.adapt()
 
     # -- what went wrong --------------------------------------------------------------------
 
+    def on_mount(self, found: MountFound) -> None:
+        """Say where a sensor sits, the first time and when it was moved."""
+        logger = self.node.get_logger()
+        if found.guessed:
+            logger.warning(str(found))
+        else:
+            logger.info(str(found))
+
     def on_drop(self, reason: str, scan: Scan | None) -> None:
         """Warn about something the placer dropped (it counts itself)."""
-        what = 'pose' if scan is None else f'scan at {scan.stamp_ns / 1e9:.3f} s'
-        self.warn(reason, f'{what} dropped: {DROP_REASONS[reason]}', count=False)
+        if scan is None:
+            self.problems.warn(reason, f'pose dropped: {DROP_REASONS[reason]}', count=False)
+            return
+        stamp_s = scan.stamp_ns / 1e9
+        what = f'scan of {scan.frame_id!r} at {stamp_s:.3f} s dropped: {DROP_REASONS[reason]}'
+        self.problems.warn(reason, lambda: f'{what}{self._missing(reason, scan)}', count=False)
 
-    def warn(self, reason: str, text: str, *, count: bool = True) -> None:
-        """Count a problem and, at most every five seconds for each reason, say so."""
-        if count:
-            self.counts[reason] += 1
-        now = time.monotonic()
-        if now - self._warned_at.get(reason, -WARN_EVERY_S) >= WARN_EVERY_S:
-            self._warned_at[reason] = now
-            self.node.get_logger().warning(f'{text} [{reason}: {self.problems()[reason]}]')
+    def _missing(self, reason: str, scan: Scan) -> str:
+        """Return what is not there for the pose of a scan, and who should send it."""
+        if reason == 'pose_jump':
+            return '; scans mapped before may lie wrong'
+        if reason == 'scan_no_mount':
+            return f' ({self.transforms.base_frame} -> {scan.frame_id})'
+        if reason not in POSE_MISSING:
+            return ''
+        source = self.placer.source
+        if isinstance(source, TfPoses):
+            why = source.why_not(scan.stamp_ns)
+        elif isinstance(source, PoseHistory) and source.stamps:
+            first, last = source.stamps[0] / 1e9, source.stamps[-1] / 1e9
+            why = f'poses from {first:.3f} to {last:.3f} s are known'
+        else:
+            why = 'no pose is known'
+        return f': {why}; {self.watch.who_sends_poses()}'
 
-    def problems(self) -> Counter[str]:
-        """Return how often each thing went wrong."""
-        own = Counter({key: n for key, n in self.counts.items() if key not in NO_PROBLEMS})
-        return own + self.placer.dropped
-
-    def new_problems(self) -> Counter[str]:
-        """Return what went wrong since this was last asked."""
-        problems = self.problems()
-        fresh = problems - self._reported
-        self._reported = problems
-        return fresh
+    def health(self) -> Health:
+        """Return whether what is needed comes in, for /diagnostics."""
+        return self.watch.judge(self.settings.stale_after, paused=self.paused)
 
     def values(self) -> dict[str, object]:
         """Return what came in, for /diagnostics."""
@@ -224,21 +314,7 @@ class ScanIntake:
             'scans received': self.counts['scans_received'],
             'scans waiting': len(self.placer),
             'scans while paused': self.counts['scans_while_paused'],
+            'beams used': self.counts['beams_used'],
+            'beams ignored': self.counts['beams_ignored'],
             'poses received': self.counts['poses_received'],
         }
-
-    def dropped(self) -> dict[str, object]:
-        """Return what was dropped and why, for /diagnostics."""
-        return {f'dropped: {key}': count for key, count in sorted(self.problems().items())}
-
-
-def particle_cloud_type() -> Any:
-    """Return nav2_msgs/ParticleCloud; raises ConfigError where it is not installed."""
-    try:
-        from nav2_msgs.msg import ParticleCloud
-    except ImportError as error:
-        raise ConfigError(
-            f'pose_source particle_cloud needs nav2_msgs ({error}): expected it installed, or '
-            'pose_source particles (PoseArray)'
-        ) from error
-    return ParticleCloud

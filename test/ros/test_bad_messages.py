@@ -1,77 +1,68 @@
 """Rubbish on the topics: a warning, a counter in /diagnostics, never a wrong cell."""
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 import pytest
 
 pytest.importorskip('rclpy', reason='rclpy is not installed: no ROS tests')
 
-from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Pose, PoseArray, PoseWithCovarianceStamped
-from nav_msgs.msg import OccupancyGrid
+from rclpy.parameter import Parameter
 from sensor_msgs.msg import LaserScan
-from support.ros import NodeProcess, Observer
+from support.local_ros import local_node
 
-from ogm_mcmc.ros.qos import LATCHED
+from ogm_mcmc.ros.online_mapper import OnlineMapper
 
 pytestmark = [pytest.mark.ros]
 
 
-class Bench(NamedTuple):
-    """A mapper in its own process, and everything a test needs to feed and watch it."""
+class Bench:
+    """A mapper in this process: messages are handed over directly."""
 
-    observer: Observer
-    node: NodeProcess
-    maps: list
-    reports: list
-    publishers: dict
+    def __init__(self, node):
+        self.node = node
+        self.reports = []
+        node.diagnostics.publisher = self
+        self.counts = node.intake.counts
+
+    def publish(self, report):
+        self.reports.append(report)
 
     def send(self, topic, msg):
-        self.publishers[topic].publish(msg)
+        (self.node.intake.on_scan if topic == 'scan' else self.node.intake.on_pose)(msg)
 
     def values(self):
+        self.node.publish_diagnostics()
         return {item.key: item.value for item in self.reports[-1].status[0].values}
 
     def wait_for(self, key, value):
-        self.observer.until(lambda: bool(self.reports) and self.values().get(key) == str(value))
+        self.node.until(lambda: self.values().get(key) == str(value), 5.0)
 
-    def map_values(self):
-        msg = self.maps[-1]
-        return np.frombuffer(msg.data, np.int8).reshape(msg.info.height, msg.info.width), msg.info
+    def map(self):
+        return self.node.pipeline.map()
+
+    @property
+    def is_empty(self):
+        return self.node.pipeline.scans_used == 0
 
     def expect_occupied(self, points):
-        """Wait for the map that shows just these; on a timeout show what it shows instead."""
-        try:
-            self.observer.until(lambda: bool(self.maps) and self.occupied_points() == points, 5.0)
-        except TimeoutError:
-            assert self.occupied_points() == points
+        assert self.occupied_points() == points
 
     def occupied_points(self):
-        values, info = self.map_values()
-        rows, columns = np.nonzero(values > 50)
-        x = info.origin.position.x + (columns + 0.5) * info.resolution
-        y = info.origin.position.y + (rows + 0.5) * info.resolution
+        grid = self.map()
+        rows, columns = np.nonzero(grid.probability > 0.5)
+        x = grid.spec.origin_x_m + (columns + 0.5) * grid.spec.resolution_m
+        y = grid.spec.origin_y_m + (rows + 0.5) * grid.spec.resolution_m
         return sorted(zip(x.round(3).tolist(), y.round(3).tolist(), strict=True))
 
 
 @pytest.fixture
 def bench(request):
-    parameters = {'map_update_interval': 0.1, 'resolution': 0.1, **getattr(request, 'param', {})}
-    with NodeProcess('online_mapper', parameters=parameters) as node, Observer() as observer:
-        maps = observer.collect(OccupancyGrid, 'map', LATCHED)
-        reports = observer.collect(DiagnosticArray, '/diagnostics', 10)
-        types = {'scan': LaserScan, 'pose': PoseWithCovarianceStamped, 'particles': PoseArray}
-        publishers = {
-            topic: observer.node.create_publisher(kind, topic, 10) for topic, kind in types.items()
-        }
-        source = 'particles' if parameters.get('pose_source') == 'particles' else 'pose'
-        wanted = (publishers['scan'], publishers[source])
-        observer.until(lambda: bool(reports) and all(p.get_subscription_count() for p in wanted))
-        yield Bench(observer, node, maps, reports, publishers)
-        assert node.stop() == 0, node.output
-        assert 'Traceback' not in node.output, node.output
+    values = {'resolution': 0.1, **getattr(request, 'param', {})}
+    overrides = [Parameter(name, value=value) for name, value in values.items()]
+    with local_node(OnlineMapper, parameter_overrides=overrides) as node:
+        yield Bench(node)
 
 
 def scan_at(time_s, ranges=(1.0,), **changes):
@@ -108,9 +99,9 @@ def test_one_good_scan_marks_one_cell(bench):
     bench.send('scan', scan_at(1.0))
     bench.wait_for('scans used', 1)
     bench.expect_occupied([(1.05, 0.05)])
-    values, _ = bench.map_values()
-    assert (values == 20).sum() == 10
-    assert (values == 80).sum() == 1
+    values = bench.map().probability
+    assert (values.round(3) == 0.2).sum() == 10
+    assert (values.round(3) == 0.8).sum() == 1
 
 
 def test_pose_is_interpolated_the_short_way_round(bench):
@@ -140,13 +131,13 @@ def test_invalid_scans_are_counted_and_change_nothing(bench):
         bench.send('scan', scan_at(1.0 + 0.1 * index, **changes))
     bench.wait_for('dropped: scan_invalid', len(SCAN_FAULTS))
     assert bench.values()['scans used'] == '0'
-    assert bench.maps == []
+    assert bench.is_empty
     # And the node is as well as before.
     bench.send('scan', scan_at(2.2))
     bench.wait_for('scans used', 1)
-    assert bench.node.running()
 
 
+@pytest.mark.parametrize('bench', [{'method': 'pose_uncertain'}], indirect=True)
 def test_invalid_poses_are_counted_and_change_nothing(bench):
     nan = pose_at(1.0, x=math.nan)
     zero = pose_at(1.1)
@@ -165,7 +156,7 @@ def test_invalid_poses_are_counted_and_change_nothing(bench):
     bench.wait_for('dropped: pose_wrong_frame', 1)
     bench.send('scan', scan_at(1.2))
     bench.wait_for('dropped: pose_timeout', 1)
-    assert bench.maps == []
+    assert bench.is_empty
 
 
 def test_stamps_out_of_order_repeated_and_jumping_back(bench):
@@ -198,7 +189,7 @@ def test_scans_of_another_frame_are_refused(bench):
     bench.send('pose', pose_at(1.0))
     bench.send('scan', scan_at(1.0, frame_id='camera'))
     bench.wait_for('dropped: scan_wrong_frame', 1)
-    assert bench.maps == []
+    assert bench.is_empty
 
 
 @pytest.mark.parametrize('bench', [{'max_cells': 10_000}], indirect=True)
