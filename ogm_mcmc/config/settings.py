@@ -12,6 +12,7 @@ import dataclasses
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeGuard, TypeVar, get_type_hints
 
@@ -80,7 +81,7 @@ def settings_of(
     Defaults are those of `example`, an object of the class, where there is one: a class may give
     a nested one other defaults than its own.
     """
-    hints = get_type_hints(cls)
+    hints = _hints(cls)
     for item in dataclasses.fields(cls):
         kind: type = hints[item.name]
         default = item.default if example is None else getattr(example, item.name)
@@ -90,10 +91,21 @@ def settings_of(
             yield Setting(f'{prefix}{item.name}', kind, default, **item.metadata)
 
 
+# Annotations are text: to compile them takes longer than all the rest of a change of parameters.
+@lru_cache(maxsize=256)
+def _hints(cls: type) -> dict[str, Any]:
+    return get_type_hints(cls)
+
+
+@lru_cache(maxsize=256)
+def _leaves(cls: type) -> tuple[Setting, ...]:
+    return tuple(settings_of(cls, switches=True))
+
+
 def check_bounds(config: Any) -> None:
     """Refuse a config object with a leaf of the wrong type or out of bounds."""
     values = flatten(config)
-    for leaf in settings_of(config.__class__, switches=True):
+    for leaf in _leaves(config.__class__):
         value = values[leaf.name]
         number = leaf.type in (int, float)
         right_type = isinstance(value, leaf.type) or (leaf.type is float and type(value) is int)
@@ -170,7 +182,7 @@ def build(cls: type[T], values: Mapping[str, Any], *, ignore_unknown: bool = Fal
 
     Raises ConfigError for an unknown name (listing the known ones) and for a refused value.
     """
-    known = {leaf.name for leaf in settings_of(cls, switches=True)}
+    known = {leaf.name for leaf in _leaves(cls)}
     unknown = sorted(set(values) - known)
     if unknown and not ignore_unknown:
         raise ConfigError(f'unknown setting {unknown[0]!r}: one of {", ".join(sorted(known))}')
@@ -178,7 +190,7 @@ def build(cls: type[T], values: Mapping[str, Any], *, ignore_unknown: bool = Fal
 
 
 def _arguments(cls: type, values: Mapping[str, Any], prefix: str) -> dict[str, Any]:
-    hints = get_type_hints(cls)
+    hints = _hints(cls)
     arguments: dict[str, Any] = {}
     for item in dataclasses.fields(cls):
         name = f'{prefix}{item.name}'

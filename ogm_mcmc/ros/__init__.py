@@ -3,7 +3,7 @@
 Nothing else imports ROS.
 
 The nodes stay thin: what they do with a message is in `ogm_mcmc.pipeline`, `ogm_mcmc.engine`
-and `ogm_mcmc.io.messages`, which know no ROS. Everything optional (tf2_ros, map_msgs) is
+and `ogm_mcmc.io.messages`, which know no ROS. Everything optional (tf2_msgs, map_msgs) is
 imported where it is used, and every node runs without it.
 
 `refine_server` samples for minutes and still answers at once. Decision: one worker thread beside

@@ -22,6 +22,7 @@ from ogm_mcmc.config import (
     setting,
     settings_of,
 )
+from ogm_mcmc.config import settings as settings_module
 from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.geometry.motion import MAX_SPEED_M_S, MAX_TURN_RAD_S
 
@@ -338,3 +339,10 @@ def test_file_of_several_nodes_as_ros_reads_it(tmp_path):
 def test_the_limits_of_motion_are_those_of_the_code_that_applies_them():
     placing = PlacingConfig()
     assert (placing.max_speed, placing.max_turn_rate) == (MAX_SPEED_M_S, MAX_TURN_RAD_S)
+
+
+def test_annotations_are_compiled_once(monkeypatch):
+    """A node builds all of its config classes again for every parameter that is set."""
+    build(MapperConfig, {'resolution': 0.1})
+    monkeypatch.setattr(settings_module, 'get_type_hints', None)
+    assert build(MapperConfig, {'resolution': 0.2}).resolution == 0.2

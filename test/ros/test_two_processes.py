@@ -222,17 +222,17 @@ def set_parameter(observer, name, value):
         ({'fusion': 'per_sometimes'}, 'one of per_scan, per_beam'),
         ({'resolution': 1}, 'resolution'),
         ({'free_thresh': 0.9}, 'free_thresh'),
-        ({'pose_source': 'tf'}, 'tf2_ros is not installed'),
+        ({'pose_source': 'tf'}, 'pose_source tf needs tf2_msgs'),
     ],
 )
 def test_wrong_parameters_end_the_node_with_one_line(parameters, reason):
     if parameters.get('pose_source') == 'tf':
         try:
-            import tf2_ros  # noqa: F401
+            import tf2_msgs  # noqa: F401
         except ImportError:
             pass
         else:
-            pytest.skip('tf2_ros is installed here')
+            pytest.skip('tf2_msgs is installed here')
     with NodeProcess('online_mapper', parameters=parameters) as node:
         assert node.wait() == 2, node.output
     errors = [line for line in node.output.splitlines() if line.startswith('error: ')]
