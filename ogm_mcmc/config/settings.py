@@ -182,7 +182,8 @@ def build(cls: type[T], values: Mapping[str, Any], *, ignore_unknown: bool = Fal
 
     Raises ConfigError for an unknown name (listing the known ones) and for a refused value.
     """
-    known = {leaf.name for leaf in _leaves(cls)}
+    kind: type = cls
+    known = {leaf.name for leaf in _leaves(kind)}
     unknown = sorted(set(values) - known)
     if unknown and not ignore_unknown:
         raise ConfigError(f'unknown setting {unknown[0]!r}: one of {", ".join(sorted(known))}')
