@@ -26,7 +26,7 @@ from ogm_mcmc.cli.options import (
     print_result,
 )
 from ogm_mcmc.cli.sample_files import SampledMaps, write_all
-from ogm_mcmc.cli.sampling_bar import interruptible, refine_poses, sample
+from ogm_mcmc.cli.sampling_bar import refine_poses, sample
 from ogm_mcmc.config import (
     OutputConfig,
     PlacingConfig,
@@ -46,6 +46,7 @@ from ogm_mcmc.files.output_files import checked_name, makeable_folder, writable_
 from ogm_mcmc.geometry import GridMap, GridSpec
 from ogm_mcmc.io.map_files import load_grid
 from ogm_mcmc.lab.cluster import connected, distribute
+from ogm_mcmc.signals import interruptible
 
 __all__ = ['add_to']
 

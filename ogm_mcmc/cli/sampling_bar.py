@@ -1,12 +1,8 @@
-"""Sampling as a person at a terminal sees it: a bar, and Ctrl-C as a way to say enough."""
+"""Sampling as a person at a terminal sees it: a bar that Ctrl-C ends."""
 
 from __future__ import annotations
 
-import contextlib
-import signal
 import threading
-from collections.abc import Iterator
-from types import FrameType
 
 from tqdm import tqdm
 
@@ -14,27 +10,7 @@ from ogm_mcmc.config import StopConfig
 from ogm_mcmc.engine.joint_poses import PoseRefinement
 from ogm_mcmc.engine.refinement import Progress, Refinement
 
-__all__ = ['interruptible', 'refine_poses', 'sample', 'status']
-
-
-@contextlib.contextmanager
-def interruptible() -> Iterator[threading.Event]:
-    """Yield an event that the first Ctrl-C sets; the second one interrupts as ever."""
-    interrupted = threading.Event()
-    if threading.current_thread() is not threading.main_thread():
-        yield interrupted
-        return
-    before = signal.getsignal(signal.SIGINT)
-
-    def stop(_number: int, _frame: FrameType | None) -> None:
-        interrupted.set()
-        signal.signal(signal.SIGINT, before)
-
-    signal.signal(signal.SIGINT, stop)
-    try:
-        yield interrupted
-    finally:
-        signal.signal(signal.SIGINT, before)
+__all__ = ['refine_poses', 'sample', 'status']
 
 
 def refine_poses(poses: PoseRefinement, interrupted: threading.Event) -> None:

@@ -23,6 +23,7 @@ from ogm_mcmc.config import OutputConfig
 from ogm_mcmc.errors import MapFileError
 from ogm_mcmc.files.npz_files import NUMBER, Field, read_npz
 from ogm_mcmc.files.output_files import checked_name, replacing, replacing_set
+from ogm_mcmc.files.pictures import probability_image
 from ogm_mcmc.geometry import GridMap, GridSpec
 from ogm_mcmc.geometry.grid_map import trinary_values
 from ogm_mcmc.io.map_images import (
@@ -63,20 +64,6 @@ def trinary_pixels(grid_map: GridMap, output: OutputConfig) -> UInt8Array:
     return pixels[::-1]
 
 
-def picture(grid_map: GridMap) -> Image.Image:
-    """Picture for people: black occupied, white free, unknown in a bluish grey.
-
-    One byte a pixel with a palette, quick to write: a node saves while scans are waiting.
-    """
-    probability = grid_map.probability[::-1]
-    shade = np.rint(254.0 * (1.0 - np.nan_to_num(probability))).astype(np.uint8)
-    shade[~np.isfinite(probability)] = 255
-    image = Image.fromarray(shade).convert('P')
-    greys = np.repeat(np.rint(np.linspace(0.0, 255.0, 255)).astype(np.uint8), 3)
-    image.putpalette([*greys.tolist(), 190, 198, 208])
-    return image
-
-
 def save_map(
     grid_map: GridMap, folder: Path, output: OutputConfig, name: str = 'map'
 ) -> dict[str, Path]:
@@ -102,7 +89,9 @@ def write_map(grid_map: GridMap, folder: Path, output: OutputConfig, name: str) 
         **YAML_THRESHOLDS,
     }
     Image.fromarray(trinary_pixels(grid_map, output)).save(folder / f'{name}.pgm', format='PPM')
-    picture(grid_map).save(folder / f'{name}.png', format='PNG', compress_level=3)
+    # Little compression, quick to write: a node saves while scans are waiting.
+    picture = probability_image(grid_map.probability)
+    picture.save(folder / f'{name}.png', format='PNG', compress_level=3)
     (folder / f'{name}.yaml').write_text(
         yaml.safe_dump(description, sort_keys=False, default_flow_style=None), encoding='utf-8'
     )

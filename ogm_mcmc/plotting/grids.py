@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ogm_mcmc.arrays import AnyArray
+from ogm_mcmc.files.pictures import UNKNOWN_COLOUR
 from ogm_mcmc.geometry import GridSpec
 from ogm_mcmc.plotting.curves import Series, require_matplotlib
-from ogm_mcmc.plotting.images import UNKNOWN_COLOUR
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

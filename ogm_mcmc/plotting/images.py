@@ -9,10 +9,10 @@ import numpy as np
 from PIL import Image
 
 from ogm_mcmc.arrays import AnyArray, BoolArray, UInt8Array
+from ogm_mcmc.files.pictures import UNKNOWN_COLOUR, paletted, probability_image
 
 __all__ = ['agreement_png', 'heat_png', 'kinds_png', 'pixels_are_cells', 'probability_png']
 
-UNKNOWN_COLOUR = (190, 198, 208)
 WHITE = (255, 255, 255)
 
 # Right wall, missing wall, wall where none is, right free cell, cell that does not count.
@@ -22,9 +22,7 @@ AGREEMENT_COLOURS = ((20, 20, 20), (31, 119, 180), (214, 39, 40), WHITE, UNKNOWN
 HEAT = ((255, 255, 255), (255, 237, 160), (254, 178, 76), (227, 26, 28), (60, 0, 20))
 
 
-def _png(pixels: UInt8Array, palette: list[int]) -> bytes:
-    image = Image.fromarray(np.ascontiguousarray(pixels[::-1])).convert('P')
-    image.putpalette(palette)
+def _png(image: Image.Image) -> bytes:
     stream = io.BytesIO()
     image.save(stream, format='PNG', optimize=True)
     return stream.getvalue()
@@ -41,14 +39,7 @@ def pixels_are_cells(png: bytes, width: int) -> bool:
 
 def probability_png(probability: AnyArray) -> bytes:
     """Black occupied, white free, bluish grey unknown (nan)."""
-    given = np.asarray(probability)
-    shade = np.empty(given.shape, np.uint8)
-    for row, values in zip(shade, given, strict=True):  # whole, it takes many times the map
-        p = values.astype(np.float64)
-        row[:] = np.rint(254.0 * (1.0 - np.nan_to_num(p)))
-        row[~np.isfinite(p)] = 255
-    greys = np.repeat(np.rint(np.linspace(0.0, 255.0, 255)).astype(np.uint8), 3)
-    return _png(shade, [*greys.tolist(), *UNKNOWN_COLOUR])
+    return _png(probability_image(probability))
 
 
 def heat_png(values: AnyArray, top: float) -> bytes:
@@ -65,7 +56,8 @@ def heat_png(values: AnyArray, top: float) -> bytes:
     colours = np.stack(
         [np.interp(at, np.arange(len(HEAT)), stops[:, channel]) for channel in range(3)], axis=1
     )
-    return _png(shade, [*np.rint(colours).astype(int).ravel().tolist(), *UNKNOWN_COLOUR])
+    palette = [*np.rint(colours).astype(int).ravel().tolist(), *UNKNOWN_COLOUR]
+    return _png(paletted(shade, palette))
 
 
 def agreement_png(called: BoolArray, occupied: BoolArray, counted: BoolArray) -> bytes:
@@ -80,4 +72,4 @@ def agreement_png(called: BoolArray, occupied: BoolArray, counted: BoolArray) ->
 
 def kinds_png(kinds: UInt8Array, colours: Sequence[tuple[int, int, int]]) -> bytes:
     """Every cell in the colour (red, green, blue) of its kind."""
-    return _png(kinds, [value for colour in colours for value in colour])
+    return _png(paletted(kinds, [value for colour in colours for value in colour]))

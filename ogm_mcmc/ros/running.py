@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import contextlib
-import signal
 import sys
 from collections.abc import Callable, Iterator
-from types import FrameType, TracebackType
-from typing import Any, Self
+from typing import Any
 
 import rclpy
 from rclpy._rclpy_pybind11 import RCLError, RCLInvalidROSArgsError, UnknownROSArgsError
@@ -16,52 +14,19 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from ogm_mcmc.errors import ConfigError, OgmError
+from ogm_mcmc.signals import NotedSignals
 
 __all__ = ['StopSignal', 'ros_args_explained', 'run_node']
 
 LOOK_EVERY_S = 0.1
 
 
-class StopSignal:
-    """SIGINT and SIGTERM, noted instead of ending ROS: a node can still say its last word.
+class StopSignal(NotedSignals):
+    """Signals are noted instead of ending ROS: a node can still say its last word.
 
-    An exception in the middle of a call into ROS may come out as another one, or not at all. So a
-    signal raises KeyboardInterrupt only before `spin`, and where C code is calling back then and
-    it cannot be raised (a kernel is compiled), `spin` ends at once.
+    Before `spin` a signal raises KeyboardInterrupt. While spinning, or if it came where it cannot
+    be raised, `spin` ends at once.
     """
-
-    def __init__(self) -> None:
-        self.asked = False
-        self._spinning = False
-
-    def __enter__(self) -> Self:
-        """Install the handlers."""
-        self._before = [
-            (number, signal.signal(number, self._note))
-            for number in (signal.SIGINT, signal.SIGTERM)
-        ]
-        self._hook_before, sys.unraisablehook = sys.unraisablehook, self._unraisable
-        return self
-
-    def _unraisable(self, unraisable: Any) -> None:
-        if unraisable.exc_type is not KeyboardInterrupt:
-            self._hook_before(unraisable)
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Put back what was there."""
-        for number, handler in self._before:
-            signal.signal(number, handler)
-        sys.unraisablehook = self._hook_before
-
-    def _note(self, number: int, frame: FrameType | None) -> None:
-        first, self.asked = not self.asked, True
-        if first and not self._spinning:
-            raise KeyboardInterrupt
 
     def spin(self, node: Any, going: Callable[[], bool] = lambda: True) -> None:
         """Handle messages while a condition holds and no signal comes.
@@ -70,7 +35,7 @@ class StopSignal:
         """
         executor = SingleThreadedExecutor(context=node.context)
         executor.add_node(node)
-        self._spinning = True
+        self.patient = True
         try:
             while not self.asked and going() and node.context.ok():
                 executor.spin_once(timeout_sec=LOOK_EVERY_S)

@@ -26,7 +26,8 @@ from tqdm import tqdm
 from ogm_mcmc import __version__
 from ogm_mcmc.errors import ConfigError, OgmError
 from ogm_mcmc.files.output_files import replacing, writable_folder
-from ogm_mcmc.lab.experiments.worker_pool import signals_later, worker_pool
+from ogm_mcmc.lab.experiments.worker_pool import worker_pool
+from ogm_mcmc.signals import signals_later
 
 __all__ = [
     'WORKERS_VARIABLE',

@@ -25,10 +25,11 @@ import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager
-from types import FrameType
 from typing import ParamSpec, TypeVar
 
-__all__ = ['signals_later', 'worker_pool']
+from ogm_mcmc.signals import signals_later
+
+__all__ = ['worker_pool']
 
 P = ParamSpec('P')
 T = TypeVar('T')
@@ -65,27 +66,6 @@ class _Pool(ProcessPoolExecutor):
                 return super().submit(fn, *arguments, **keywords)
             finally:
                 signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
-
-
-@contextmanager
-def signals_later() -> Iterator[None]:
-    """Let SIGINT and SIGTERM wait until the end of this; outside of the main thread, nothing."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    came: list[int] = []
-
-    def note(number: int, _frame: FrameType | None) -> None:
-        came.append(number)
-
-    before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, signal.SIG_DFL if handler is None else handler)
-        if came:
-            signal.raise_signal(came[0])
 
 
 def _end_with_the_parent() -> None:

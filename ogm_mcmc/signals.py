@@ -1,0 +1,159 @@
+"""Ctrl-C and a polite kill (SIGINT, SIGTERM): all ways in which the package takes them.
+
+Commands leave through every `with` (`leave_on_signals`), sampling ends early (`interruptible`),
+short critical work goes first (`signals_later`), nodes finish what they do (`NotedSignals`).
+
+Two places cannot bear an exception. In a callback from C it is printed and lost. And Numba, when
+it takes a numpy Generator apart for a kernel, calls `ctypes.cast` and uses what comes back
+without a look: an exception in there is a crash of the process. In both the signal is sent to
+ourselves again, a little later.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import os
+import signal
+import sys
+import threading
+from collections.abc import Iterator
+from types import CodeType, FrameType, TracebackType
+from typing import Any, Self
+
+__all__ = [
+    'NotedSignals',
+    'interruptible',
+    'leave_on_signals',
+    'signals_later',
+    'stop_a_little_later',
+]
+
+AGAIN_S = 0.05
+
+UNSAFE = ctypes.cast.__code__
+
+
+def leave_on_signals() -> None:
+    """Let SIGINT raise KeyboardInterrupt and SIGTERM exit with 143; for the main thread only.
+
+    A SIGINT that is ignored or handled by somebody else is left alone.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        return
+    signal.signal(signal.SIGTERM, _leave)
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, _leave)
+
+
+def _leave(number: int, frame: FrameType | None) -> None:
+    if _inside(UNSAFE, frame):
+        _again(number)
+    elif number == signal.SIGTERM:
+        sys.exit(143)
+    else:
+        raise KeyboardInterrupt
+
+
+def _inside(code: CodeType, frame: FrameType | None) -> bool:
+    while frame is not None:
+        if frame.f_code is code:
+            return True
+        frame = frame.f_back
+    return False
+
+
+def stop_a_little_later(unraisable: Any) -> None:
+    """Send the signal again whose exception could not be raised; a `sys.unraisablehook`."""
+    signals = {KeyboardInterrupt: signal.SIGINT, SystemExit: signal.SIGTERM}
+    again = signals.get(unraisable.exc_type)
+    if again is None:
+        sys.__unraisablehook__(unraisable)
+    else:
+        _again(again)
+
+
+def _again(number: int) -> None:
+    threading.Timer(AGAIN_S, os.kill, (os.getpid(), number)).start()
+
+
+@contextlib.contextmanager
+def interruptible() -> Iterator[threading.Event]:
+    """Yield an event that the first Ctrl-C sets; the second one interrupts as ever."""
+    interrupted = threading.Event()
+    if threading.current_thread() is not threading.main_thread():
+        yield interrupted
+        return
+    before = signal.getsignal(signal.SIGINT)
+
+    def stop(_number: int, _frame: FrameType | None) -> None:
+        interrupted.set()
+        signal.signal(signal.SIGINT, before)
+
+    signal.signal(signal.SIGINT, stop)
+    try:
+        yield interrupted
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+@contextlib.contextmanager
+def signals_later() -> Iterator[None]:
+    """Let SIGINT and SIGTERM wait until the end of this; outside of the main thread, nothing."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    came: list[int] = []
+
+    def note(number: int, _frame: FrameType | None) -> None:
+        came.append(number)
+
+    before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, signal.SIG_DFL if handler is None else handler)
+        if came:
+            signal.raise_signal(came[0])
+
+
+class NotedSignals:
+    """SIGINT and SIGTERM are noted in `asked`; while not `patient`, the first one interrupts.
+
+    An exception in the middle of a call from C may come out as another one, or not at all. Where
+    KeyboardInterrupt cannot be raised (a kernel is being compiled), `asked` says it all the same.
+    """
+
+    def __init__(self) -> None:
+        self.asked = False
+        self.patient = False
+
+    def __enter__(self) -> Self:
+        """Install the handlers."""
+        self._before = [
+            (number, signal.signal(number, self._note))
+            for number in (signal.SIGINT, signal.SIGTERM)
+        ]
+        self._hook_before, sys.unraisablehook = sys.unraisablehook, self._unraisable
+        return self
+
+    def _unraisable(self, unraisable: Any) -> None:
+        if unraisable.exc_type is not KeyboardInterrupt:
+            self._hook_before(unraisable)
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Put back what was there."""
+        for number, handler in self._before:
+            signal.signal(number, handler)
+        sys.unraisablehook = self._hook_before
+
+    def _note(self, number: int, frame: FrameType | None) -> None:
+        first, self.asked = not self.asked, True
+        if first and not self.patient:
+            raise KeyboardInterrupt
