@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import NamedTuple
 
 from tqdm import tqdm
@@ -14,7 +16,7 @@ from ogm_mcmc.config import MapperConfig, PlacingConfig
 from ogm_mcmc.engine.bag_scans import PlacedScans, StreamTopics, open_scans
 from ogm_mcmc.geometry import PlacedScan
 
-__all__ = ['BagScans', 'placed_scans', 'read_bag']
+__all__ = ['BagScans', 'placed_scans', 'read_bag', 'say']
 
 
 class BagScans(NamedTuple):
@@ -32,24 +34,38 @@ def placed_scans(
     mapper: MapperConfig | None = None,
     *,
     title: str = 'read',
+    beliefs: bool = False,
 ) -> Iterator[PlacedScans]:
     """Yield the scans of `options.bag`, one after the other, behind a bar with a title.
 
-    Raises BagError that says what is missing.
+    What was chosen and what is odd is said on standard error. With `beliefs` covariances count
+    whatever the method. Raises BagError that says what is missing.
     """
     choice = stream_choice(options, placing, mapper or MapperConfig())
+    if beliefs:
+        choice = replace(choice, beliefs=True)
     with (
         open_scans(options.bag, choice) as scans,
         tqdm(total=scans.topics.n_scans, unit=' scans', desc=title, disable=None) as bar,
     ):
         scans.on_scan = bar.update
+        scans.tell = say
         yield scans
 
 
+def say(line: str) -> None:
+    """Print a line for people beside whatever bar there is."""
+    tqdm.write(line, file=sys.stderr)
+
+
 def read_bag(
-    options: argparse.Namespace, placing: PlacingConfig, mapper: MapperConfig | None = None
+    options: argparse.Namespace,
+    placing: PlacingConfig,
+    mapper: MapperConfig | None = None,
+    *,
+    beliefs: bool = False,
 ) -> BagScans:
     """Read and place all scans of `options.bag`. Raises BagError when none can be placed."""
-    with placed_scans(options, placing, mapper) as scans:
+    with placed_scans(options, placing, mapper, beliefs=beliefs) as scans:
         placed = list(scans)
     return BagScans(placed, scans.topics, dict(scans.placer.dropped))

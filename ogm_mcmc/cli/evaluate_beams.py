@@ -89,8 +89,10 @@ def by_beams(
 def _read(options: argparse.Namespace, bag: BagScans, beams: HeldOutBeams) -> dict[str, Any]:
     return {
         'bag': str(options.bag),
-        'scan_topic': bag.topics.scan.name,
-        'pose_topic': bag.topics.pose.name,
+        'scan_topic': bag.topics.scan_names,
+        'pose_topic': bag.topics.pose_name,
+        'pose_source': bag.topics.pose_source,
+        'poses': str(bag.topics.poses),
         'scans': bag.topics.n_scans,
         'dropped': bag.dropped,
         'scans_used': len(beams.placed),

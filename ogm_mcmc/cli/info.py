@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ogm_mcmc.cli.options import Subparsers, add_json, print_result
-from ogm_mcmc.engine.bag_scans import POSE_TYPES
+from ogm_mcmc.config.pose_sources import POSE_SOURCES
 from ogm_mcmc.errors import OgmError
 from ogm_mcmc.geometry import Scan
 from ogm_mcmc.io import messages, ros_types
@@ -63,7 +63,7 @@ def _first_message(bag: BagReader, topic: str, msgtype: str) -> dict[str, Any]:
     interesting = (
         ros_types.SCAN,
         ros_types.RANGE,
-        *(kind for kinds in POSE_TYPES.values() for kind in kinds),
+        *(kind for kinds in POSE_SOURCES.values() for kind in kinds),
     )
     if problem := bag.problem(topic):
         return {'problem': problem}

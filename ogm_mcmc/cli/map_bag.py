@@ -56,9 +56,9 @@ def run(options: argparse.Namespace) -> int:
             pipeline.update(placed)
     topics = scans.topics
     # A single sensor may well sit at mount.x, mount.y; several of them hardly do.
-    frames = scans.frames
-    mounted = {*placing.mount.named(), *scans.mounted_by_tf}
-    unmounted = sorted(frames - mounted) if len(frames) > 1 else []
+    sure = {f for f, m in scans.mounts.items() if m.origin.startswith('tf')}
+    sure |= {topics.base_frame, *placing.mount.named()}
+    unmounted = sorted(scans.frames - sure) if len(scans.frames) > 1 else []
     settings = {**flatten(config), **flatten(output), **flatten(placing)}
     saved = MapToSave(pipeline)
     spec = saved.grid_map.spec
@@ -67,16 +67,15 @@ def run(options: argparse.Namespace) -> int:
     }
     result: dict[str, Any] = {
         'bag': str(options.bag),
-        'scan_topic': ','.join(topic.name for topic in topics.scans),
-        'pose_topic': topics.pose.name,
+        'scan_topic': topics.scan_names,
+        'pose_topic': topics.pose_name,
+        'pose_source': topics.pose_source,
+        'poses': str(topics.poses),
         'scans': topics.n_scans,
         'scans_used': pipeline.scans_used,
         'dropped': dict(scans.placer.dropped),
         'frames_without_mount': unmounted,
-        'mounts_from_tf': {
-            frame: [mount.pose.x_m, mount.pose.y_m, mount.pose.yaw_rad, mount.upside_down]
-            for frame, mount in scans.mounted_by_tf.items()
-        },
+        'mounts': {frame: str(found) for frame, found in scans.mounts.items()},
         'width': spec.width,
         'height': spec.height,
         'origin': [spec.origin_x_m, spec.origin_y_m],
@@ -104,7 +103,6 @@ def _text(result: dict[str, Any]) -> str:
         f'in {result["seconds"]:.2f} s'
         + (f'; dropped: {dropped}' if dropped else '')
         + _unmounted_text(result['frames_without_mount'])
-        + _mounts_text(result['mounts_from_tf'])
     )
 
 
@@ -113,12 +111,3 @@ def _unmounted_text(frames: list[str]) -> str:
         return ''
     named = ', '.join(frames[:3]) + (', ...' if len(frames) > 3 else '')
     return f'; without a mount of their own (--mount.frames), all at (mount.x, mount.y): {named}'
-
-
-def _mounts_text(mounts: dict[str, list[Any]]) -> str:
-    return ''.join(
-        f'; {frame} sits at {x:.3f} {y:.3f} m, {yaw:.4f} rad'
-        + (', upside down' if turned else '')
-        + ' (from tf)'
-        for frame, (x, y, yaw, turned) in mounts.items()
-    )

@@ -18,7 +18,8 @@ from ogm_mcmc.config import (
     settings_of,
 )
 from ogm_mcmc.config.nodes import NODE_CONFIGS
-from ogm_mcmc.engine.bag_scans import StreamChoice
+from ogm_mcmc.config.pose_sources import OFFLINE_POSE_SOURCES, POSE_SOURCES_TEXT
+from ogm_mcmc.engine.bag_topics import StreamChoice
 from ogm_mcmc.errors import ConfigError, OgmError
 from ogm_mcmc.files.user_paths import user_path
 from ogm_mcmc.io.map_images import MOST_CELLS
@@ -37,6 +38,9 @@ __all__ = [
 ]
 
 T = TypeVar('T')
+
+# Others take the mean of a pose for the pose.
+BELIEF_METHODS = ('pose_uncertain', 'adaptive')
 Subparsers = Any  # argparse gives its sub-parser action no public name
 
 
@@ -136,17 +140,48 @@ def add_stream_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         '--scan-topic',
         default='',
-        help='default: the first LaserScan; with --method sonar every Range, or several named '
-        'with commas',
+        help='one or several, named with commas; default: every laser of one robot that is known '
+        'to sit on it; with --method sonar every Range',
     )
-    group.add_argument('--pose-topic', default='', help='default: the first topic that fits')
-    group.add_argument('--pose-source', choices=('pose', 'particles', 'tf'), default='pose')
+    group.add_argument('--pose-topic', default='', help='default: what covers the scans best')
+    group.add_argument(
+        '--pose-source',
+        choices=OFFLINE_POSE_SOURCES,
+        default='auto',
+        help=f'auto (default): what covers the scans best; {POSE_SOURCES_TEXT}',
+    )
+    group.add_argument(
+        '--trajectory',
+        type=path_argument,
+        metavar='FILE',
+        help='poses of a file in place of the bag: TUM, EuRoC, KITTI or g2o',
+    )
+    group.add_argument(
+        '--trajectory-stamps',
+        type=path_argument,
+        metavar='FILE',
+        help='stamps of a KITTI file (one a line) or of a g2o file (id and stamp a line), s',
+    )
+    group.add_argument(
+        '--trajectory-frame',
+        default='',
+        metavar='FRAME',
+        help='whose poses the file holds, where it is not the base (the laser, for instance)',
+    )
+    group.add_argument('--map-frame', default='', metavar='FRAME', help='of tf; default: map')
+    group.add_argument(
+        '--base-frame', default='', metavar='FRAME', help='of tf; default: base_link'
+    )
 
 
 def stream_choice(
     options: argparse.Namespace, placing: PlacingConfig, config: MapperConfig
 ) -> StreamChoice:
-    """Build the StreamChoice of a command."""
+    """Build the StreamChoice of a command. Raises ConfigError for options that contradict."""
+    if options.trajectory is None and (options.trajectory_stamps or options.trajectory_frame):
+        raise ConfigError('--trajectory-stamps, --trajectory-frame: expected with --trajectory')
+    if options.trajectory is not None and (options.pose_topic or options.pose_source != 'auto'):
+        raise ConfigError('--trajectory: expected without --pose-topic and --pose-source')
     return StreamChoice(
         options.scan_topic,
         options.pose_topic,
@@ -157,4 +192,10 @@ def stream_choice(
         placing.max_speed,
         placing.max_turn_rate,
         placing.deskew,
+        options.trajectory,
+        options.trajectory_stamps,
+        options.trajectory_frame,
+        options.map_frame,
+        options.base_frame,
+        beliefs=config.method in BELIEF_METHODS,
     )

@@ -136,7 +136,7 @@ def _run(
 ) -> int:
     warm_up(chosen.sampler)
     started = time.perf_counter()
-    bag = read_bag(options, chosen.placing)
+    bag = read_bag(options, chosen.placing, beliefs=chosen.poses.joint)
     recording = Recording(chosen.recording)
     for placed in bag.placed:
         recording.add(placed)
@@ -259,8 +259,10 @@ def _draw(
 def _read(options: argparse.Namespace, bag: BagScans) -> dict[str, Any]:
     return {
         'bag': str(options.bag),
-        'scan_topic': ','.join(topic.name for topic in bag.topics.scans),
-        'pose_topic': bag.topics.pose.name,
+        'scan_topic': bag.topics.scan_names,
+        'pose_topic': bag.topics.pose_name,
+        'pose_source': bag.topics.pose_source,
+        'poses': str(bag.topics.poses),
         'scans': bag.topics.n_scans,
         'dropped': bag.dropped,
     }

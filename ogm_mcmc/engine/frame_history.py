@@ -6,12 +6,17 @@ from array import array
 from bisect import bisect_left, bisect_right
 from typing import NamedTuple
 
+import numpy as np
+
 from ogm_mcmc.geometry.rigid_transform import RigidTransform, StampedTransform
 
 __all__ = ['Around', 'FrameHistory']
 
 # Three numbers of a translation, four of a quaternion.
 VALUES = 7
+
+# m, or of a quaternion: entries that differ by less say the same.
+SAME = 1e-5
 
 
 class Around(NamedTuple):
@@ -84,6 +89,17 @@ class FrameHistory:
     def covers(self, stamp_ns: int) -> bool:
         """Return whether a stamp lies between the entries, or the frame is static."""
         return self.static or self.stamps[0] <= stamp_ns <= self.stamps[-1]
+
+    @property
+    def constant(self) -> bool:
+        """Whether all entries say the same."""
+        values = np.frombuffer(self._values).reshape(-1, VALUES)
+        same = bool(np.abs(values - values[-1]).max() <= SAME)
+        return same and self._parents.count(self._parents[-1]) == len(self._parents)
+
+    def newest(self) -> RigidTransform:
+        """Return the newest entry."""
+        return self._transform(len(self.stamps) - 1)
 
     def latest_parent(self) -> str:
         """Return the parent of the newest entry."""

@@ -10,7 +10,10 @@ Among sources that cover about as many scans (nine tenths of the best) the order
 3. those that say how uncertain they are (PoseWithCovarianceStamped, particles, Odometry) before
    single points (tf, PoseStamped). A PoseArray counts as particles if its topic is called so: it
    may hold anything;
-4. the larger coverage, then the name.
+4. tf before single points on a topic, the larger coverage, then the name.
+
+What a topic calls a goal, a target or a click is no place of the robot, however often it comes:
+it is taken where nothing else covers a scan.
 
 A localizer starts later than the wheels turn: the scans before are worth losing for a map that
 does not drift. This is why nine tenths are enough.
@@ -18,6 +21,7 @@ does not drift. This is why nine tenths are enough.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -38,6 +42,12 @@ ABOUT_AS_MANY = 0.9
 
 # Poses that come less often than this leave open how the robot went.
 DENSE_NS = NS_PER_S // 2
+
+# Parts of the names of topics with poses that are not the robot's.
+ELSEWHERE = re.compile(
+    r'(^|_)(goal|target|plan|path|way_?point|initial_?pose|clicked|carrot|look_?ahead|setpoint|'
+    r'reference|command|cmd|marker|landmark|tag|detection)(s?)(_|$)'
+)
 
 UNCERTAIN = ('PoseWithCovarianceStamped', 'ParticleCloud', 'Odometry')
 
@@ -93,6 +103,24 @@ class PoseChoice(NamedTuple):
     chosen: RankedPoses | None
     others: tuple[RankedPoses, ...]
     scan_stamps: Int64Array
+    max_gap_s: float = 2.0
+
+    def rarely(self) -> str:
+        """Return a warning where the poses chosen come so rarely that the way is unknown."""
+        if self.chosen is None or self.chosen.candidate.kind in (TF, FILE):
+            return ''
+        source = self.chosen.candidate
+        usual_ns = _typical_gap(source.stamps[0])
+        if usual_ns <= DENSE_NS:
+            return ''
+        there = any(one.candidate.kind == TF and one.coverage > 0.0 for one in self.others)
+        better = 'better poses: --pose-source tf' if there else 'tf knows better: record /tf, too'
+        often = f'every {usual_ns / NS_PER_S:.1f} s' if usual_ns < float('inf') else 'once'
+        return (
+            f'poses on {source.name} come {often}: between them the robot is taken to go straight,'
+            f' and scans in gaps of more than {self.max_gap_s:g} s (max_pose_gap) are left out; '
+            + better
+        )
 
     def __str__(self) -> str:
         """Return one line for the user."""
@@ -110,23 +138,37 @@ class PoseChoice(NamedTuple):
             return 'no scans in it that poses could cover'
         spans = [f'{ranked._name} {_span(ranked.candidate.stamps)}' for ranked in self.others]
         return (
-            f'no poses at the stamps of the scans ({_span((self.scan_stamps,))}): '
-            f'there are {", ".join(spans)}'
+            f'no poses at the stamps of the scans ({_span((self.scan_stamps,))}) that are at most '
+            f'{self.max_gap_s:g} s apart (max_pose_gap): there are {", ".join(spans)}'
         )
 
 
 def choose_poses(
-    candidates: Sequence[PoseCandidate], scan_stamps: Int64Array, *, max_gap_s: float = 2.0
+    candidates: Sequence[PoseCandidate],
+    scan_stamps: Int64Array,
+    *,
+    max_gap_s: float = 2.0,
+    unwanted: Sequence[PoseCandidate] = (),
 ) -> PoseChoice:
-    """Rank sources of poses for scans at the given stamps (S,) ns; see the module's text."""
+    """Rank sources of poses for scans at the given stamps (S,) ns; see the module's text.
+
+    Those unwanted are named among the others only.
+    """
     stamps = np.sort(scan_stamps)
     max_gap_ns = round(max_gap_s * NS_PER_S)
     ranked = [RankedPoses(one, coverage(one.stamps, stamps, max_gap_ns)) for one in candidates]
-    best = max((one.coverage for one in ranked), default=0.0)
+    # What is elsewhere does not say how many scans could be covered.
+    usual = [one.coverage for one in ranked if not _elsewhere(one.candidate)]
+    best = max(usual, default=0.0) or max((one.coverage for one in ranked), default=0.0)
     ranked.sort(key=lambda one: _rank(one, best))
+    if unwanted:
+        beside = choose_poses(unwanted, stamps, max_gap_s=max_gap_s)
+        more = (() if beside.chosen is None else (beside.chosen,)) + beside.others
+    else:
+        more = ()
     if best == 0.0:
-        return PoseChoice(None, tuple(ranked), stamps)
-    return PoseChoice(ranked[0], tuple(ranked[1:]), stamps)
+        return PoseChoice(None, (*ranked, *more), stamps, max_gap_s)
+    return PoseChoice(ranked[0], (*ranked[1:], *more), stamps, max_gap_s)
 
 
 def coverage(edges: Sequence[Int64Array], scan_stamps: Int64Array, max_gap_ns: int) -> float:
@@ -156,13 +198,21 @@ def _rank(ranked: RankedPoses, best: float) -> tuple[object, ...]:
     drifts = 'odom' in source.frame.lower()
     typical_ns = max((_typical_gap(edge) for edge in source.stamps), default=0.0)
     return (
+        ranked.coverage == 0.0,
+        _elsewhere(source),
         not enough,
         (drifts, typical_ns > DENSE_NS, not _uncertain(source)) if enough else (),
+        source.kind != TF,
         -ranked.coverage,
         source.name,
         source.frame != 'map',
         source.frame,
     )
+
+
+def _elsewhere(source: PoseCandidate) -> bool:
+    name = source.name.lower().rpartition('/')[2]
+    return source.kind not in (TF, FILE) and ELSEWHERE.search(name) is not None
 
 
 def _typical_gap(stamps: Int64Array) -> float:
@@ -185,9 +235,17 @@ def _span(edges: Sequence[Int64Array]) -> str:
 
 
 def tf_candidates(tree: TransformTree, base_frame: str) -> list[PoseCandidate]:
-    """Return the poses of the base in every frame above it that it moves in."""
+    """Return the poses of the base in every frame above it, and in that of odometry below."""
     found = []
-    for frame in tree.ancestors(base_frame)[1:]:
+    above = tree.ancestors(base_frame)[1:]
+    # KISS-ICP may send its odometry the other way round: from the base down to odom_lidar.
+    below = [
+        frame
+        for frame in tree.frames()
+        if tree.ancestors(frame)[1:2] == [base_frame]
+        and frame.rsplit('/')[-1].startswith(('odom', 'map'))
+    ]
+    for frame in above + below:
         stamps = tree.moving_stamps(frame, base_frame)
         if stamps:
             found.append(PoseCandidate(TF, TF, frame, base_frame, tuple(stamps)))

@@ -25,6 +25,7 @@ class TfPoses:
     The tree is fed by whoever owns it, all at once or message by message. A stamp that an edge
     has not reached yet is worth waiting for, one before its first entry or in a gap is not. A
     scan waits for the mounts of `sensor_frames` as well, which matters where they move.
+    `complete`: the tree holds all there will ever be.
 
     Poses that come rarely are not held: amcl_pose says nothing while the robot moves up to
     0.25 m, so a scan there would be misplaced by as much; map -> odom -> base knows better.
@@ -37,6 +38,7 @@ class TfPoses:
         base_frame: str,
         *,
         sensor_frames: Iterable[str] = (),
+        complete: bool = False,
         max_gap_s: float = 2.0,
         max_speed_m_s: float = MAX_SPEED_M_S,
         max_turn_rad_s: float = MAX_TURN_RAD_S,
@@ -45,6 +47,7 @@ class TfPoses:
         self.map_frame = map_frame
         self.base_frame = base_frame
         self.sensor_frames = tuple(sensor_frames)
+        self.complete = complete
         self.max_gap_ns = round(max_gap_s * NS_PER_S)
         self.max_speed_m_s = max_speed_m_s
         self.max_turn_rad_s = max_turn_rad_s
@@ -92,12 +95,21 @@ class TfPoses:
     def mount_at(self, sensor_frame: str, stamp_ns: int) -> SensorMount:
         """Return where a sensor sits on the base at a stamp.
 
-        Raises TransformError where tf does not say, and PoseError for a sensor that is not level
+        In a recording, one that is sent again and again but never moves holds always. Raises
+        TransformError where tf does not say, and PoseError for a sensor that is not level
         with the base.
         """
-        mount = self.tree.lookup(
-            self.base_frame, sensor_frame, stamp_ns, max_gap_ns=self.max_gap_ns
-        )
+        try:
+            mount = self.tree.lookup(
+                self.base_frame, sensor_frame, stamp_ns, max_gap_ns=self.max_gap_ns
+            )
+        except TransformError:
+            held = None
+            if self.complete:
+                held = self.tree.constant(self.base_frame, sensor_frame)
+            if held is None:
+                raise
+            mount = held
         try:
             return SensorMount(*mount.planar())
         except PoseError as error:

@@ -204,6 +204,25 @@ class TransformTree:
         """Return whether anything between two frames moves (or might: it is sent repeatedly)."""
         return bool(self._moving(target, source))
 
+    def constant(self, target: str, source: str) -> RigidTransform | None:
+        """Return where `source` lies in `target` if every entry between them says the same."""
+        moving = self._moving(target, source)
+        if moving is None or not all(history.constant for history in moving):
+            return None
+        up, down = self.ancestors(source), self.ancestors(target)
+        shared = next(frame for frame in up if frame in down)
+        climbed, descended = (
+            self._newest_along(frames[: frames.index(shared)]) for frames in (up, down)
+        )
+        return descended.inverse().compose(climbed)
+
+    def _newest_along(self, children: list[str]) -> RigidTransform:
+        """Return where the first of some frames, each the child of the next, lies."""
+        result = RigidTransform()
+        for child in children:
+            result = self._frames[child].newest().compose(result)
+        return result
+
     def _moving(self, target: str, source: str) -> list[FrameHistory] | None:
         up, down = self.ancestors(source), self.ancestors(target)
         shared = next((frame for frame in up if frame in down), None)

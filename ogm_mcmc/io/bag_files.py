@@ -20,7 +20,15 @@ if sys.version_info >= (3, 14):
 else:
     from backports import zstd
 
-__all__ = ['kind_of', 'mending', 'plain_yaml', 'storage_files', 'unpack_file', 'unpacked']
+__all__ = [
+    'kind_of',
+    'mending',
+    'plain_yaml',
+    'storage_files',
+    'stored_note',
+    'unpack_file',
+    'unpacked',
+]
 
 MAGIC = {
     b'\x89MCAP0\r\n': 'mcap',
@@ -107,6 +115,16 @@ def storage_files(path: Path) -> list[Path]:
         f'{path}: metadata.yaml names {names}, not in the folder: expected all storage files'
         + (f'; there is {_either(there)}' if there else '')
     )
+
+
+def stored_note(path: Path, key: str) -> str:
+    """Return a remark kept in the metadata of a rosbag2 folder; '' where there is none."""
+    try:
+        text = (path / 'metadata.yaml').read_text(encoding='utf-8')
+        kept = plain_yaml(text)['rosbag2_bagfile_information']['custom_data']
+        return str(kept.get(key, ''))
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return ''
 
 
 def _listed(metadata: Path, there: list[Path]) -> list[Path]:

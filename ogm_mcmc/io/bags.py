@@ -15,11 +15,14 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.rosbag2.enums import CompressionFormat, CompressionMode
 
 from ogm_mcmc.errors import BagError, OgmError, OutputError
-from ogm_mcmc.io.bag_files import kind_of, storage_files, unpack_file
+from ogm_mcmc.io.bag_files import kind_of, storage_files, stored_note, unpack_file
 from ogm_mcmc.io.bag_storage import DEEPEST, Offer, Storage, StoredTopic, open_storage
 from ogm_mcmc.io.bag_types import TYPESTORE, MessageType, message_type, typestore
 
 __all__ = ['BagReader', 'BagRecord', 'BagTopic', 'BagWriter', 'Offer', 'typestore']
+
+# A remark in the metadata, followed by a topic.
+FRAME_OF = 'frame of '
 
 KINDS = {'mcap': 'rosbag2 (mcap)', 'sqlite3': 'rosbag2 (sqlite3)', 'ros1': 'ROS 1 bag'}
 
@@ -154,6 +157,10 @@ class BagReader:
         if len({topic.msgtype for topic in self._stored(name)}) > 1:
             return 'its messages are of several types'
         return next(filter(None, (self._type(t).unsendable for t in self._stored(name))), '')
+
+    def noted_frame(self, topic: str) -> str:
+        """Return whose poses a topic has, where `BagWriter.note_frame` left word of it."""
+        return stored_note(self.path, f'{FRAME_OF}{topic}')
 
     def offer(self, name: str) -> Offer:
         """Return what the recorded publishers of a topic offered, all of them together."""
@@ -294,6 +301,10 @@ class BagWriter:
     def note(self, key: str, value: str) -> None:
         """Keep a remark in the bag's metadata."""
         self._writer.set_custom_data(key, value)
+
+    def note_frame(self, topic: str, frame: str) -> None:
+        """Keep word of the frame whose poses a topic has: their messages cannot say so."""
+        self.note(f'{FRAME_OF}{topic}', frame)
 
     def write(self, topic: str, msgtype: str, time_ns: int, message: Any) -> None:
         """Append a rosbags message object."""

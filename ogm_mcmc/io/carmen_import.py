@@ -140,6 +140,9 @@ def import_carmen(
             else:
                 _write_scan(bag, record, stamp_ns, names, reach[record.laser], options, summary)
         bag.note('source', str(log_path.name))
+        for suffix in names.values():
+            for topic in ('/pose', '/particles'):
+                bag.note_frame(f'{topic}{suffix}', f'laser{suffix}')
         bag.note('no_return_readings', str(summary.no_return))
     summary.beams = sorted({scan.ranges_m.size for scan in log.scans})
     summary.angle_increment_deg = sorted(

@@ -26,6 +26,7 @@ def write_recording(path: Path, scans: Iterable[PlacedScan], *, overwrite: bool 
             bag.write('/pose', ros_types.POSE, stamp, known)
             _write_scan(bag, scan)
             count += 1
+        bag.note_frame('/pose', 'laser')
     return count
 
 
@@ -50,6 +51,8 @@ def write_localized(
             bag.write('/particles', ros_types.PARTICLES, stamp, drawn)
             _write_scan(bag, scan)
             count += 1
+        for topic in ('/pose', '/particles'):
+            bag.note_frame(topic, 'laser')
     return count
 
 
@@ -71,6 +74,7 @@ def write_drive(path: Path, scans: Iterable[DrivenScan], *, overwrite: bool = Fa
                 corrected = ros_types.path(stamp, 'map', *one.corrected)
                 bag.write('/trajectory', ros_types.PATH, stamp, corrected)
             count += 1
+        bag.note_frame('/pose', 'laser')
     return count
 
 

@@ -27,6 +27,7 @@ __all__ = [
     'odometry',
     'path',
     'pose_array',
+    'pose_stamped',
     'pose_with_covariance',
     'range_reading',
 ]
@@ -71,6 +72,11 @@ def pose_with_covariance(
 ) -> Any:
     """PoseWithCovarianceStamped; covariance (3, 3) of x, y, yaw."""
     return _make(POSE, _header(stamp_ns, frame_id), _with_covariance(pose, covariance))
+
+
+def pose_stamped(stamp_ns: int, frame_id: str, pose: Pose2D) -> Any:
+    """PoseStamped."""
+    return _make(POSE_STAMPED, _header(stamp_ns, frame_id), _pose(pose))
 
 
 def pose_array(stamp_ns: int, frame_id: str, poses: Float64Array) -> Any:

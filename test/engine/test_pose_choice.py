@@ -89,8 +89,9 @@ def test_another_clock_is_told():
     choice = choose_poses([ODOM, TF_MAP], SCANS + 1_700_000_000 * S)
     assert choice.chosen is None
     assert str(choice) == (
-        'no poses at the stamps of the scans (1700000000.0 to 1700000099.9 s): there are '
-        '/odom 0.0 to 100.0 s, tf map -> base_link 3.0 to 100.0 s'
+        'no poses at the stamps of the scans (1700000000.0 to 1700000099.9 s) that are at most '
+        '2 s apart (max_pose_gap): there are tf map -> base_link 3.0 to 100.0 s, /odom 0.0 to '
+        '100.0 s'
     )
 
 
@@ -102,7 +103,8 @@ def test_another_clock_is_told():
         (
             [source('/odom', ODOMETRY, 'odom', SCANS[:0])],
             SCANS,
-            'no poses at the stamps of the scans (0.0 to 99.9 s): there are /odom never',
+            'no poses at the stamps of the scans (0.0 to 99.9 s) that are at most 2 s apart '
+            '(max_pose_gap): there are /odom never',
         ),
     ],
 )
@@ -152,3 +154,45 @@ def test_candidates_of_a_tree():
     ]
     assert chosen(*(one._replace(stamps=(every(0.1),)) for one in found)).frame == 'map'
     assert tf_candidates(tree, 'earth') == []
+
+
+CARROT = source('/lookahead_pose', POSE, 'map', every(0.05))
+
+
+@pytest.mark.parametrize('poses', [ODOM, TF_ODOM, POINTS, AMCL])
+def test_targets_are_not_the_robot_however_often_they_come(poses):
+    assert chosen(CARROT, poses) == poses
+    assert chosen(CARROT) == CARROT
+
+
+def test_tf_comes_before_single_points_on_a_topic():
+    assert chosen(source('/anything', POSE, 'map', every(0.1)), TF_MAP) == TF_MAP
+
+
+def test_what_is_not_wanted_is_named_only():
+    choice = choose_poses([AMCL], SCANS, max_gap_s=10.0, unwanted=[TF_MAP, ODOM])
+    assert choice.chosen.candidate == AMCL
+    assert [one.candidate for one in choice.others] == [TF_MAP, ODOM]
+
+
+def test_poses_that_come_rarely_are_told():
+    rare = choose_poses([AMCL], SCANS, max_gap_s=10.0, unwanted=[TF_MAP])
+    assert rare.rarely() == (
+        'poses on /amcl_pose come every 5.0 s: between them the robot is taken to go straight, '
+        'and scans in gaps of more than 10 s (max_pose_gap) are left out; better poses: '
+        '--pose-source tf'
+    )
+    assert choose_poses([SLOW], SCANS).rarely().endswith('tf knows better: record /tf, too')
+    assert choose_poses([ODOM], SCANS).rarely() == ''
+    assert choose_poses([TF_MAP], SCANS).rarely() == ''
+    assert choose_poses([AMCL], SCANS[:0]).rarely() == ''
+
+
+def test_odometry_that_is_sent_from_the_base_down():
+    """KISS-ICP may do so, not to give the base a second parent."""
+    tree = TransformTree()
+    for k in range(3):
+        for child in ('odom_lidar', 'wheel'):
+            tree.add(StampedTransform('base_link', child, k * S, RigidTransform()))
+    (found,) = tf_candidates(tree, 'base_link')
+    assert (found.frame, found.child_frame) == ('odom_lidar', 'base_link')

@@ -7,11 +7,14 @@ from pathlib import Path
 from typing import Any
 
 from rosbags.rosbag1 import Writer
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 __all__ = ['write_ros1']
 
 NOETIC = get_typestore(Stores.ROS1_NOETIC)
+NOETIC.register(
+    get_types_from_msg('geometry_msgs/TransformStamped[] transforms', 'tf2_msgs/msg/TFMessage')
+)
 
 
 def write_ros1(path: Path, records: Iterable[tuple[str, int, Any]]) -> None:

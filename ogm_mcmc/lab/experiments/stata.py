@@ -34,7 +34,7 @@ def read_stata(path: Path) -> list[PlacedScan]:
     choice = StreamChoice(scan_topic='/scan', pose_topic='/pose')
     with BagReader(path) as bag:
         topics = choose_topics(bag, choice)
-        known = (bag.decode(record) for record in bag.records((topics.pose.name,)))
+        known = (bag.decode(record) for record in bag.records((topics.pose_name,)))
         poses_ns = np.array([messages.stamp_of(message) for message in known])[:POSES]
         placed = list(PlacedScans(bag, topics, choice))
     if len(placed) < 2:

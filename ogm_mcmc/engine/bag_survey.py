@@ -1,0 +1,123 @@
+"""A first look through a bag: when each topic says something, in which frames, and all of tf."""
+
+from __future__ import annotations
+
+from array import array
+from collections import Counter
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+
+from ogm_mcmc.arrays import Int64Array
+from ogm_mcmc.engine.transform_tree import TransformTree
+from ogm_mcmc.errors import BagError
+from ogm_mcmc.io import ros_types
+from ogm_mcmc.io.bag_headers import stored_header
+from ogm_mcmc.io.bags import BagReader, BagRecord, BagTopic
+from ogm_mcmc.io.tf_messages import is_static, read_transforms
+
+__all__ = ['BagSurvey', 'SeenTopic', 'survey', 'topic_namespace', 'transform_topics']
+
+
+class SeenTopic(NamedTuple):
+    """A topic with headers: `stamps` (N,) ns of its messages in `frame`, its most frequent one.
+
+    `frames`: all of them, the most frequent first. `child_frame`: of the first message, where
+    its type has one, or as the bag notes.
+    """
+
+    topic: BagTopic
+    frames: tuple[str, ...]
+    stamps: Int64Array
+    child_frame: str = ''
+
+    @property
+    def frame(self) -> str:
+        """The most frequent frame."""
+        return self.frames[0]
+
+
+class BagSurvey(NamedTuple):
+    """What was seen: topics by name (those with messages), and the tree of transforms."""
+
+    topics: dict[str, SeenTopic]
+    tree: TransformTree
+    faults: list[str]
+
+
+def survey(bag: BagReader, headed: Iterable[BagTopic], tf: Iterable[BagTopic]) -> BagSurvey:
+    """Read the headers of some topics and the transforms of others, in one go."""
+    known = {topic.name: topic for topic in headed}
+    tf_names = {topic.name for topic in tf}
+    stamps: dict[str, dict[str, array[int]]] = {name: {} for name in known}
+    children: dict[str, str] = {}
+    tree = TransformTree()
+    faults: list[str] = []
+    for record in bag.records({*known, *tf_names}):
+        if record.topic in tf_names:
+            read = read_transforms(bag.decode(record))
+            faults += read.faults[: 10 - len(faults)]
+            for entry in read.entries:
+                tree.add(entry, static=is_static(record.topic), arrival_ns=record.time_ns)
+            continue
+        header = stored_header(record)
+        if header is None:
+            continue
+        stamps[record.topic].setdefault(header.frame, array('q')).append(header.stamp_ns)
+        if record.topic not in children:
+            children[record.topic] = _child_frame(bag, record)
+    seen = {
+        name: _seen(known[name], by_frame, children[name])
+        for name, by_frame in stamps.items()
+        if by_frame
+    }
+    return BagSurvey(seen, tree, faults)
+
+
+def _child_frame(bag: BagReader, record: BagRecord) -> str:
+    if record.msgtype != ros_types.ODOMETRY:
+        return bag.noted_frame(record.topic)
+    try:
+        return str(bag.decode(record).child_frame_id).lstrip('/')
+    except BagError:
+        return ''
+
+
+def _seen(topic: BagTopic, by_frame: dict[str, array[int]], child: str) -> SeenTopic:
+    counts = Counter({frame: len(stamps) for frame, stamps in by_frame.items()})
+    frames = tuple(frame for frame, _ in counts.most_common())
+    every = [by_frame[frame] for frame in frames]
+    if topic.msgtype.endswith(('LaserScan', 'Range')):
+        return SeenTopic(topic, frames, np.concatenate([np.array(s, np.int64) for s in every]))
+    return SeenTopic(topic, frames, np.array(every[0], np.int64), child)
+
+
+def topic_namespace(name: str) -> str:
+    """Return what comes before the last part of a name: `robot1` for /robot1/scan."""
+    return name.strip('/').rpartition('/')[0]
+
+
+def transform_topics(topics: Iterable[BagTopic], scan_topic: str) -> list[BagTopic]:
+    """Return those topics with transforms that tell of the robot with a scan topic.
+
+    All of them, unless they come from several namespaces: then those of the one that the scan
+    topic is in, and what that one lacks (tf or tf_static) from the root.
+    """
+    held = list(topics)
+    if len({topic_namespace(topic.name) for topic in held}) < 2:
+        return held
+    where = topic_namespace(scan_topic)
+    while True:
+        own = [topic for topic in held if topic_namespace(topic.name) == where]
+        if own or not where:
+            break
+        where = topic_namespace(where)
+    if not own:
+        return held
+    kinds = {is_static(topic.name) for topic in own}
+    return own + [
+        topic
+        for topic in held
+        if not topic_namespace(topic.name) and where and is_static(topic.name) not in kinds
+    ]

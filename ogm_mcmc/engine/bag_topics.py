@@ -1,0 +1,333 @@
+"""Which topics of a bag to use: whose scans, and which of the poses that it holds.
+
+Scans: those of the topics named, else of every laser that is known to sit on one robot. Poses: of
+the source named, else of whatever covers the scans best (`pose_choice`); in a bag with several
+robots those of the robot with the first laser. Every choice is said in a line, with what else
+was there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ogm_mcmc.config import MountConfig
+from ogm_mcmc.config.pose_sources import POSE_SOURCES
+from ogm_mcmc.engine.bag_survey import (
+    BagSurvey,
+    SeenTopic,
+    survey,
+    topic_namespace,
+    transform_topics,
+)
+from ogm_mcmc.engine.mounts import names_a_place
+from ogm_mcmc.engine.pose_choice import (
+    FILE,
+    TF,
+    PoseCandidate,
+    PoseChoice,
+    choose_poses,
+    tf_candidates,
+)
+from ogm_mcmc.engine.tf_poses import TfFrames, guess_frames
+from ogm_mcmc.engine.transform_tree import TransformTree
+from ogm_mcmc.errors import BagError
+from ogm_mcmc.geometry.motion import MAX_SPEED_M_S, MAX_TURN_RAD_S
+from ogm_mcmc.io import ros_types
+from ogm_mcmc.io.bags import BagReader, BagTopic
+from ogm_mcmc.io.tf_messages import TF_TYPES
+from ogm_mcmc.io.trajectory_files import Trajectory, read_trajectory
+
+__all__ = ['BASE_FRAME', 'StreamChoice', 'StreamTopics', 'choose_topics']
+
+BASE_FRAME = 'base_link'
+
+POSE_TYPES = tuple(kind for name, kinds in POSE_SOURCES.items() if name != TF for kind in kinds)
+
+
+@dataclass(frozen=True)
+class StreamChoice:
+    """What to use of a bag; empty names stand for what fits best.
+
+    `scan_topic` and, with `sensor` range, that of Range messages may name several topics,
+    separated by commas. `pose_source`: auto or one of `POSE_SOURCES`. With `trajectory` poses are
+    those of a file (`trajectory_stamps` beside it where its format keeps none), of
+    `trajectory_frame` (empty: the base). `map_frame` and `base_frame` matter to tf. With
+    `beliefs` false covariances are not looked at.
+    """
+
+    scan_topic: str = ''
+    pose_topic: str = ''
+    pose_source: str = 'auto'
+    max_pose_gap_s: float = 2.0
+    sensor: str = 'scan'
+    mounts: MountConfig = MountConfig()  # noqa: RUF009 - frozen
+    max_speed_m_s: float = MAX_SPEED_M_S
+    max_turn_rad_s: float = MAX_TURN_RAD_S
+    deskew: str = 'auto'
+    trajectory: Path | None = None
+    trajectory_stamps: Path | None = None
+    trajectory_frame: str = ''
+    map_frame: str = ''
+    base_frame: str = ''
+    beliefs: bool = True
+
+
+class StreamTopics(NamedTuple):
+    """What was chosen: topics with readings, poses and their frames, transforms.
+
+    `pose_source` is one of `POSE_SOURCES` or `trajectory`, `pose_name` the topic, tf or the name
+    of the file. Poses are those of `base_frame` in `map_frame`. `remarks`: lines for the user.
+    """
+
+    scans: tuple[BagTopic, ...]
+    poses: PoseChoice
+    pose_source: str
+    map_frame: str
+    base_frame: str
+    tree: TransformTree
+    trajectory: Trajectory | None = None
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def pose_name(self) -> str:
+        """The topic, `tf`, or the name of the file."""
+        assert self.poses.chosen is not None
+        return self.poses.chosen.candidate.name
+
+    @property
+    def scan_names(self) -> str:
+        """All topics with readings, for people and files."""
+        return ','.join(topic.name for topic in self.scans)
+
+    @property
+    def n_scans(self) -> int:
+        """Number of readings on them."""
+        return sum(topic.n_messages for topic in self.scans)
+
+
+def choose_topics(bag: BagReader, choice: StreamChoice) -> StreamTopics:
+    """Choose scans and poses of a bag. Raises BagError that says what is missing."""
+    readings = _reading_topics(bag, choice)
+    first = readings[0]
+    others = _robots(bag) - {_robot_of(first.name)}
+    mine = [t for t in bag.topics() if t.n_messages and _robot_of(t.name) not in others]
+    named = bool(choice.scan_topic)
+    if not named:
+        readings = [topic for topic in readings if _robot_of(topic.name) not in others]
+    tf = transform_topics((t for t in mine if t.msgtype in TF_TYPES), first.name)
+    tf = [topic for topic in tf if not bag.problem(topic.name)]
+    posed = [t for t in mine if t.msgtype in POSE_TYPES and not bag.problem(t.name)]
+    if choice.pose_topic:
+        posed = [bag.find('poses', _types(choice.pose_source), choice.pose_topic)]
+    seen = survey(bag, [*readings, *posed], tf)
+    found = [seen.topics[topic.name] for topic in readings if topic.name in seen.topics]
+    if not found:
+        raise BagError(f'{bag.path}: no message on {first.name}, although its index names some')
+    frames = _frames(seen.tree, found[0].frame, choice)
+    scans: list[SeenTopic] = found
+    remarks: list[str] = []
+    if choice.sensor == 'scan' and not named:
+        scans, remarks = _lasers(found, seen.tree, frames.base_frame, choice.mounts)
+    return _with_poses(bag, choice, scans, seen, frames, remarks)
+
+
+def _with_poses(
+    bag: BagReader,
+    choice: StreamChoice,
+    scans: list[SeenTopic],
+    seen: BagSurvey,
+    frames: TfFrames,
+    remarks: list[str],
+) -> StreamTopics:
+    stamps = np.concatenate([topic.stamps for topic in scans])
+    candidates = _candidates(seen, frames, [topic.topic.name for topic in scans])
+    trajectory = None
+    if choice.trajectory is not None:
+        trajectory = read_trajectory(choice.trajectory, choice.trajectory_stamps)
+        frame = choice.trajectory_frame or frames.base_frame
+        wanted = [
+            PoseCandidate(choice.trajectory.name, FILE, 'map', frame, (trajectory.stamps_ns,))
+        ]
+    else:
+        wanted = [one for one in candidates if _is_wanted(one, choice)]
+        candidates = [one for one in candidates if not _is_wanted(one, choice)]
+    if not wanted:
+        raise BagError(_no_poses(bag, choice, seen.tree, scans[0], candidates))
+    poses = choose_poses(wanted, stamps, max_gap_s=choice.max_pose_gap_s, unwanted=candidates)
+    if poses.chosen is None:
+        raise BagError(f'{bag.path}: {poses}')
+    source = poses.chosen.candidate
+    remarks.append(str(poses))
+    if rare := poses.rarely():
+        remarks.append(rare)
+    return StreamTopics(
+        tuple(topic.topic for topic in scans),
+        poses,
+        _source_of(source),
+        source.frame,
+        _posed_frame(seen.tree, source, scans[0].frame, frames.base_frame),
+        seen.tree,
+        trajectory,
+        tuple(remarks),
+    )
+
+
+# -- scans ----------------------------------------------------------------------------------
+
+
+def _reading_topics(bag: BagReader, choice: StreamChoice) -> list[BagTopic]:
+    """Return the topics with readings, the one that stands for the robot first."""
+    ranges = choice.sensor == 'range'
+    role, kind = ('ranges', ros_types.RANGE) if ranges else ('scans', ros_types.SCAN)
+    if choice.scan_topic:
+        names = filter(None, map(str.strip, choice.scan_topic.split(',')))
+        return [bag.find(role, (kind,), name) for name in names]
+    first = bag.find(role, (kind,))  # or say what is missing
+    readable = [
+        t
+        for t in bag.topics()
+        if t.msgtype == kind and t.n_messages > 0 and not bag.problem(t.name)
+    ]
+    if ranges:
+        return readable or [first]
+    # A topic called scan is what the driver sends; filters and mergers add to the name.
+    return sorted(readable, key=_usual) or [first]
+
+
+def _usual(topic: BagTopic) -> tuple[bool, int, int]:
+    return not topic.name.endswith('/scan'), topic.name.count('/'), -topic.n_messages
+
+
+def _lasers(
+    found: list[SeenTopic], tree: TransformTree, base: str, mounts: MountConfig
+) -> tuple[list[SeenTopic], list[str]]:
+    """Return the topic of each laser whose place on the robot is known, the first in any case."""
+    used, taken, left = [found[0]], set(found[0].frames), []
+    for topic in found[1:]:
+        if taken & set(topic.frames):
+            left.append(f'{topic.topic.name} (of {topic.frame} as well)')
+        elif all(_is_mounted(frame, tree, base, mounts) for frame in topic.frames):
+            used.append(topic)
+            taken |= set(topic.frames)
+        else:
+            left.append(f'{topic.topic.name} (nothing says where {topic.frame} sits)')
+    if len(found) == 1:
+        return used, []
+    line = 'scans from ' + ', '.join(f'{t.topic.name} ({", ".join(t.frames[:3])})' for t in used)
+    return used, [line + (f'; also there: {", ".join(left)}' if left else '')]
+
+
+def _is_mounted(frame: str, tree: TransformTree, base: str, mounts: MountConfig) -> bool:
+    return (
+        frame == base
+        or frame in mounts.named()
+        or names_a_place(mounts, frame)
+        or tree.newest_common_ns(base, frame) is not None
+    )
+
+
+def _robot_of(name: str) -> str:
+    return topic_namespace(name).partition('/')[0]
+
+
+def _robots(bag: BagReader) -> set[str]:
+    """Return the namespaces that hold a robot of their own: scans, and poses or transforms."""
+    scans, poses = set(), set()
+    for topic in bag.topics():
+        robot = _robot_of(topic.name)
+        if topic.n_messages > 0 and topic.msgtype in (ros_types.SCAN, ros_types.RANGE):
+            scans.add(robot)
+        elif topic.n_messages > 0 and topic.msgtype in (*POSE_TYPES, *TF_TYPES):
+            poses.add(robot)
+    return (scans & poses) - {''}
+
+
+# -- poses ----------------------------------------------------------------------------------
+
+
+def _frames(tree: TransformTree, scan_frame: str, choice: StreamChoice) -> TfFrames:
+    """Return the frames of map and base above a sensor; the map's is empty where none is."""
+    found = guess_frames(
+        tree, scan_frame, map_frame=choice.map_frame, base_frame=choice.base_frame
+    )
+    if found is not None:
+        return found
+    chain = tree.ancestors(scan_frame)
+    base = choice.base_frame or (chain[-1] if len(chain) > 1 else BASE_FRAME)
+    return TfFrames('', base)
+
+
+def _candidates(seen: BagSurvey, frames: TfFrames, scans: Sequence[str]) -> list[PoseCandidate]:
+    base, tree = frames.base_frame, seen.tree
+    found = [
+        PoseCandidate(name, one.topic.msgtype, one.frame, one.child_frame, (one.stamps,))
+        for name, one in seen.topics.items()
+        # What is said in the frame of the robot is no place of the robot.
+        if name not in scans and one.topic.msgtype in POSE_TYPES and not _below(tree, one, base)
+    ]
+    return found + tf_candidates(tree, base)
+
+
+def _below(tree: TransformTree, topic: SeenTopic, base: str) -> bool:
+    return base in tree.ancestors(topic.frame)
+
+
+def _is_wanted(one: PoseCandidate, choice: StreamChoice) -> bool:
+    if choice.pose_topic and one.kind != TF:
+        return True  # no other topic was looked at
+    if choice.pose_topic:
+        return False
+    if choice.pose_source == 'auto':
+        return True
+    if choice.pose_source == TF:
+        return one.kind == TF and choice.map_frame in ('', one.frame)
+    return one.kind in POSE_SOURCES[choice.pose_source]
+
+
+def _types(pose_source: str) -> tuple[str, ...]:
+    return POSE_TYPES if pose_source == 'auto' else POSE_SOURCES[pose_source]
+
+
+def _source_of(one: PoseCandidate) -> str:
+    if one.kind == FILE:
+        return 'trajectory'
+    return next(name for name, kinds in POSE_SOURCES.items() if one.kind in (name, *kinds))
+
+
+def _posed_frame(tree: TransformTree, source: PoseCandidate, sensor: str, base: str) -> str:
+    """Return the frame that poses are of: the child they name, where tf knows it."""
+    child = source.child_frame
+    if not child or source.kind == TF:
+        return base
+    unknown = child != sensor and tree.newest_common_ns(child, sensor) is None
+    return base if unknown and tree.frames() else child
+
+
+def _no_poses(
+    bag: BagReader,
+    choice: StreamChoice,
+    tree: TransformTree,
+    scan: SeenTopic,
+    candidates: list[PoseCandidate],
+) -> str:
+    """Say what was looked for, why tf does not help, and what is there."""
+    expected = ' or '.join(_types(choice.pose_source))
+    line = f'{bag.path}: no poses in it: expected {expected}'
+    line += ' or tf' if choice.pose_source == 'auto' else ''
+    if tree.frames() and choice.pose_source in ('auto', TF):
+        if scan.frame in tree.frames():
+            line += f'; nothing moves above frame {scan.frame!r} in its transforms ({tree})'
+        else:
+            line += (
+                f'; frame {scan.frame!r} of {scan.topic.name} is not in its transforms ({tree})'
+            )
+    if candidates:
+        there = {f'{one.name} (--pose-source {_source_of(one)})' for one in candidates}
+        return f'{line}; there are {", ".join(sorted(there))}'
+    held = ', '.join(f'{topic.name} ({topic.msgtype})' for topic in bag.topics())
+    return f'{line}; it holds {held}'

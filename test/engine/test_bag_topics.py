@@ -1,0 +1,274 @@
+"""Which scans and poses of a bag are used, and what is said of the others."""
+
+import numpy as np
+import pytest
+from support.transforms import transform
+
+from ogm_mcmc.config import MountConfig
+from ogm_mcmc.engine.bag_scans import PlacedScans
+from ogm_mcmc.engine.bag_survey import transform_topics
+from ogm_mcmc.engine.bag_topics import StreamChoice, choose_topics
+from ogm_mcmc.errors import BagError
+from ogm_mcmc.geometry import Pose2D
+from ogm_mcmc.io import ros_types
+from ogm_mcmc.io.bags import BagReader, BagTopic
+
+SECOND = 1_000_000_000
+STAMPS = [20 * SECOND + k * SECOND // 10 for k in range(8)]
+
+
+@pytest.fixture
+def choose(write_bag):
+    """Write records and choose: (topics, placed scans, lines said)."""
+
+    def run(records, kind='mcap', **choice):
+        said = []
+        wanted = StreamChoice(**choice)
+        with BagReader(write_bag(records, kind)) as bag:
+            topics = choose_topics(bag, wanted)
+            scans = PlacedScans(bag, topics, wanted, tell=said.append)
+            placed = list(scans)
+        return topics, placed, said
+
+    return run
+
+
+def odometry(prefix='', stamps=STAMPS, speed=1.0, child='base_link'):
+    records = []
+    for k, stamp in enumerate(stamps):
+        message = ros_types.odometry(stamp, Pose2D(speed * 0.1 * k), speed, 0.0)
+        message.child_frame_id = child
+        records.append((f'{prefix}/odom', stamp, message))
+    return records
+
+
+@pytest.fixture
+def scans(make_scan):
+    def make(topic='/scan', frame='laser', stamps=STAMPS, **fields):
+        return [(topic, stamp, make_scan(stamp, frame=frame, **fields)) for stamp in stamps]
+
+    return make
+
+
+def tf(prefix='', base='base_link', y=0.0, stamps=STAMPS):
+    moving = [
+        (f'{prefix}/tf', stamp, transform(stamp, 'odom', base, 0.1 * k, y, 0.0))
+        for k, stamp in enumerate(stamps)
+    ]
+    held = [
+        (f'{prefix}/tf', stamp, transform(stamp, 'map', 'odom', 5.0, 0.0, 0.0)) for stamp in stamps
+    ]
+    return moving + held
+
+
+def static(child, x, y, yaw, roll=0.0, base='base_link', topic='/tf_static'):
+    return (topic, STAMPS[0] - 1, transform(STAMPS[0] - 1, base, child, x, y, yaw, roll))
+
+
+def test_odometry_alone(choose, scans):
+    topics, placed, said = choose([*scans(), *odometry()], kind='ros1')
+    assert (topics.pose_source, topics.pose_name, topics.map_frame) == ('odom', '/odom', 'odom')
+    assert [one.pose.x_m for one in placed] == pytest.approx([0.1 * k for k in range(8)])
+    assert said == [
+        'poses from /odom (nav_msgs/msg/Odometry, 100 % of 8 scans)',
+        'sensor frame laser is not base_link, and neither tf nor parameters say where it sits: '
+        'taken as at its origin, not turned; expected a transform base_link -> laser, or '
+        'mount.x, mount.y, mount.yaw',
+    ]
+
+
+def test_what_covers_the_scans_best_is_taken_and_the_rest_named(choose, scans, make_pose):
+    click = [('/initialpose', STAMPS[2], make_pose(STAMPS[2]))]
+    topics, placed, said = choose(
+        [*scans(), *odometry(), *tf(), *click, static('laser', 0.2, 0.0, 0.0)]
+    )
+    assert (topics.pose_source, topics.map_frame, topics.base_frame) == ('tf', 'map', 'base_link')
+    assert placed[0].pose.x_m == pytest.approx(5.2)
+    assert said[0] == (
+        'poses from tf map -> base_link (100 % of 8 scans); also there: /odom 100 %, tf odom -> '
+        'base_link 100 %, /initialpose 12 %'
+    )
+    assert said[1].startswith('laser on base_link at 0.2 0 m')
+
+
+@pytest.mark.parametrize(
+    ('choice', 'source', 'first_x'),
+    [
+        ({'pose_source': 'odom'}, 'odom', 0.2),
+        ({'pose_topic': 'odom'}, 'odom', 0.2),
+        ({'pose_source': 'tf'}, 'tf', 5.2),
+        ({'pose_source': 'tf', 'map_frame': 'odom'}, 'tf', 0.2),
+        ({'pose_source': 'pose_stamped'}, 'pose_stamped', 7.2),
+        ({'pose_source': 'particles'}, 'particles', 8.2),
+    ],
+)
+def test_a_source_that_is_named(choose, scans, choice, source, first_x):
+    points, clouds = [], []
+    for stamp in STAMPS:
+        cloud = ros_types.pose_array(stamp, 'map', np.array([[8.0, 0, 0]]))
+        clouds.append(('/cloud', stamp, cloud))
+        points.append(('/tracked', stamp, ros_types.pose_stamped(stamp, 'map', Pose2D(7.0))))
+    records = [*scans(), *odometry(), *tf(), *points, *clouds, static('laser', 0.2, 0.0, 0.0)]
+    topics, placed, said = choose(records, **choice)
+    assert topics.pose_source == source
+    assert placed[0].pose.x_m == pytest.approx(first_x)
+    assert 'also there: ' in said[0] or 'pose_topic' in choice
+
+
+def test_a_source_that_is_not_there(choose, scans):
+    records = [*scans(), *odometry(), *tf()]
+    with pytest.raises(
+        BagError,
+        match=r'no poses in it: expected .*PoseArray; there are /odom \(--pose-source odom\), tf',
+    ):
+        choose(records, pose_source='particles')
+    with pytest.raises(BagError, match=r'odom has type .*Odometry: expected .*PoseArray'):
+        choose(records, pose_source='particles', pose_topic='odom')
+    with pytest.raises(BagError, match='no scans in it on /front'):
+        choose(records, scan_topic='/front')
+    with pytest.raises(BagError, match=r'no poses at the stamps of the scans .*/odom 120\.0 to'):
+        choose([*scans(), *odometry(stamps=[t + 100 * SECOND for t in STAMPS])])
+
+
+def test_a_turned_laser_whose_transforms_repeat_themselves(choose, scans):
+    """ROS 1 before tf2: static transforms come on /tf, now and then, and not at the ends."""
+    repeated = [
+        ('/tf', stamp, transform(stamp, 'base_link', 'laser', 0.0, 0.1, 1.5))
+        for stamp in (STAMPS[3], STAMPS[5])
+    ]
+    _, placed, _ = choose([*scans(), *odometry(), *repeated], kind='ros1')
+    assert len(placed) == 8
+    assert {round(one.pose.yaw_rad, 6) for one in placed} == {1.5}
+
+
+def test_poses_of_another_frame_of_the_robot(choose, scans):
+    """Odometry of a camera: the laser sits elsewhere on it than on the base."""
+    records = [
+        *scans(),
+        *odometry(child='camera'),
+        static('laser', 0.2, 0.0, 0.0),
+        static('camera', 0.5, 0.0, 0.0),
+    ]
+    topics, placed, _ = choose(records)
+    assert topics.base_frame == 'camera'
+    assert placed[0].pose.x_m == pytest.approx(-0.3)
+
+
+def test_what_is_said_in_the_frame_of_the_robot_is_no_pose_of_it(choose, scans):
+    near = [
+        ('/nearest', stamp, ros_types.pose_stamped(stamp, 'base_link', Pose2D(1.0)))
+        for stamp in STAMPS
+    ]
+    topics, _, said = choose([*scans(), *odometry(), *near, static('laser', 0.2, 0.0, 0.0)])
+    assert topics.pose_name == '/odom'
+    assert '/nearest' not in said[0]
+
+
+def test_two_lasers_on_two_topics(choose, scans):
+    """Stamps are the same; each has its mount, and the second of one sensor is left out."""
+    records = [
+        *scans('/rear/scan', 'rear_laser'),
+        *scans('/scan', 'laser', range_max=9.0),
+        *scans('/scan_filtered', 'laser'),
+        *scans('/camera', 'camera'),
+        *odometry(),
+        static('laser', 0.2, 0.0, 0.0),
+        static('rear_laser', -0.2, 0.0, 3.0),
+    ]
+    topics, placed, said = choose(records)
+    assert topics.scan_names == '/scan,/rear/scan'
+    assert len(placed) == 16
+    heads = {(one.scan.frame_id, round(one.pose.yaw_rad, 6)) for one in placed}
+    assert heads == {('laser', 0.0), ('rear_laser', 3.0)}
+    assert said[0] == (
+        'scans from /scan (laser), /rear/scan (rear_laser); also there: /camera (nothing says '
+        'where camera sits), /scan_filtered (of laser as well)'
+    )
+    assert sum(' on base_link at ' in line for line in said) == 2
+    _, placed, _ = choose(records, mounts=MountConfig(frames='camera 1 0 0'))
+    assert len(placed) == 24
+    _, placed, _ = choose(records, scan_topic='/rear/scan, camera')
+    assert {one.scan.frame_id for one in placed} == {'rear_laser', 'camera'}
+
+
+def test_two_lasers_on_one_topic(choose, scans):
+    records = [
+        *scans(),
+        *scans(frame='rear'),
+        *odometry(),
+        static('laser', 0.2, 0.0, 0.0),
+        static('rear', -0.2, 0.0, 3.0),
+    ]
+    _, placed, said = choose(records)
+    assert len(placed) == 16
+    assert sum('(from tf_static)' in line for line in said) == 2
+
+
+def test_several_robots_with_namespaces(choose, scans):
+    """Frames are called alike in both; only the first robot is mapped, by its own transforms."""
+    records = []
+    for k, name in enumerate(('/robot2', '/robot1')):
+        records += scans(f'{name}/scan')
+        records += odometry(name)
+        records += tf(name, y=float(k + 1))
+        records += [static('laser', 0.0, 0.0, 0.5 * (k + 1), topic=f'{name}/tf_static')]
+    topics, placed, said = choose(records)
+    assert topics.scan_names == '/robot1/scan'
+    assert placed[0].pose.y_m == pytest.approx(2.0)
+    assert placed[0].pose.yaw_rad == pytest.approx(1.0)
+    assert 'robot2' not in said[0]
+    topics, placed, _ = choose(records, scan_topic='robot2/scan')
+    assert placed[0].pose.yaw_rad == pytest.approx(0.5)
+
+
+def test_transforms_of_the_root_serve_where_a_robot_has_none():
+    names = ('/tf', '/tf_static', '/a/tf', '/b/tf', '/b/tf_static')
+    held = [BagTopic(name, 'tf2_msgs/msg/TFMessage', 1) for name in names]
+
+    def used(scan):
+        return [topic.name for topic in transform_topics(held, scan)]
+
+    assert used('/a/front/scan') == ['/a/tf', '/tf_static']
+    assert used('/b/scan') == ['/b/tf', '/b/tf_static']
+    assert used('/scan') == ['/tf', '/tf_static']
+    assert [t.name for t in transform_topics(held[2:], '/scan')] == list(names[2:])
+
+
+def test_poses_that_come_rarely(choose, scans, make_pose):
+    rare = [('/amcl_pose', t, make_pose(t)) for t in (STAMPS[0], STAMPS[-1])]
+    _, placed, said = choose([*scans(), *rare])
+    assert len(placed) == 8
+    assert said[1].startswith('poses on /amcl_pose come every 0.7 s: ')
+
+
+def test_a_trajectory_in_place_of_the_poses_of_the_bag(choose, scans, tmp_path):
+    path = tmp_path / 'poses.tum'
+    path.write_text('20.0 1 2 0 0 0 0 1\n20.7 1 9 0 0 0 0 1\n')
+    records = [*scans(), *odometry(), static('laser', 0.2, 0.0, 0.0)]
+    topics, placed, said = choose(records, trajectory=path)
+    assert topics.pose_source == 'trajectory'
+    assert placed[0].pose.x_m == pytest.approx(1.2)
+    assert placed[1].pose.y_m == pytest.approx(3.0)
+    assert said[0] == (
+        'poses from poses.tum (trajectory file, 100 % of 8 scans); also there: /odom 100 %'
+    )
+    _, placed, _ = choose(records, trajectory=path, trajectory_frame='laser')
+    assert placed[0].pose.x_m == pytest.approx(1.0)
+    path.write_text('1.0 1 2 0 0 0 0 1\n')
+    with pytest.raises(BagError, match=r'no poses at the stamps .*poses\.tum 1\.0 to 1\.0 s'):
+        choose(records, trajectory=path)
+
+
+def test_covariances_are_looked_at_where_they_are_needed(choose, scans, make_pose):
+    bad = [('/pose', stamp, make_pose(stamp, variances=(-1.0, 0, 0))) for stamp in STAMPS]
+    _, placed, _ = choose([*scans(), *bad], beliefs=False)
+    assert len(placed) == 8
+    with pytest.raises(BagError, match='none of 8 scans could be placed'):
+        choose([*scans(), *bad])
+
+
+def test_a_header_and_a_count_that_disagree_are_told_once(choose, scans):
+    records = [*scans(angle_max=5.0), *odometry(), static('laser', 0.0, 0.0, 0.0)]
+    _, placed, said = choose(records)
+    assert len(placed) == 8
+    assert sum(line.startswith('/scan: 5 ranges, but angles from -1 to 5') for line in said) == 1
