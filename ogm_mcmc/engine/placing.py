@@ -24,7 +24,6 @@ from ogm_mcmc.geometry import (
     PlacedScan,
     Pose2D,
     PoseBelief,
-    PoseSamples,
     Scan,
     SensorMount,
     interpolate,
@@ -177,17 +176,7 @@ def _between(earlier: PoseBelief, later: PoseBelief, fraction: float) -> PoseBel
     if earlier.covariance is not None and later.covariance is not None:
         covariance = (1.0 - fraction) * earlier.covariance + fraction * later.covariance
     nearer = earlier if fraction < 0.5 else later
-    particles = None
-    if nearer.particles is not None:
-        # The cloud moves as one body with the mean.
-        step = mean.compose(nearer.mean.inverse())
-        cosine, sine = np.cos(step.yaw_rad), np.sin(step.yaw_rad)
-        old = nearer.particles.poses
-        poses = np.empty_like(old)
-        poses[:, 0] = step.x_m + cosine * old[:, 0] - sine * old[:, 1]
-        poses[:, 1] = step.y_m + sine * old[:, 0] + cosine * old[:, 1]
-        poses[:, 2] = (old[:, 2] + step.yaw_rad + np.pi) % (2.0 * np.pi) - np.pi
-        particles = PoseSamples(poses, nearer.particles.weights)
+    particles = nearer._replace(covariance=None).carried_to(mean).particles
     return PoseBelief(mean, covariance, particles)
 
 

@@ -184,12 +184,35 @@ class Recording:
                 return
 
     def _keep(self, scans: Sequence[_Kept], reason: str) -> None:
-        self.let_go[reason] += len(self._scans) - len(scans)
+        if gone := len(self._scans) - len(scans):
+            self.let_go[reason] += gone
         self._scans = deque(scans)
         self.n_rays = sum(kept.beams for kept in scans)
         rays, pairs = sum(k.size.rays for k in scans), sum(k.size.pairs for k in scans)
         self.size = WindowSize(rays, pairs, _box_around(scans))
         self.coverage.count_anew(kept.placement for kept in scans)
+
+    def replace(self, placed: Sequence[PlacedScan]) -> None:
+        """Keep the same scans at other poses, in the order of `snapshot`.
+
+        Raises GridError, with nothing changed, when no window can hold them.
+        """
+        scans = [
+            old if old.placement is new else _Kept(new, self._size_of(new))
+            for old, new in zip(self._scans, placed, strict=True)
+        ]
+        self._refuse_box(WindowSize(0, 0, _box_around(scans)))
+        self._keep(scans, 'thinned')
+        while len(self._scans) > 1 and self._beyond_limits():
+            self._thin()
+
+    def _refuse_box(self, size: WindowSize) -> None:
+        if self._window is None or size.n_bytes <= self._window.most_bytes:
+            return
+        raise GridError(
+            f'the scans at these poses need a window of {size.box.n_cells} cells: expected what '
+            f'max_memory_mb = {self._window.most_bytes / 1e6:g} can hold'
+        )
 
     def snapshot(self) -> list[PlacedScan]:
         """Return the scans as they are now."""

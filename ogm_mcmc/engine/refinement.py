@@ -28,6 +28,7 @@ from ogm_mcmc.config import (
 from ogm_mcmc.engine.live_map import cells_on, check_lattice, live_map
 from ogm_mcmc.engine.posterior import patch_prior, posterior_model
 from ogm_mcmc.engine.recording import Recording, fingerprint
+from ogm_mcmc.engine.warp import cells_before, warped
 from ogm_mcmc.errors import ConfigError, WindowError
 from ogm_mcmc.files.output_files import replacing
 from ogm_mcmc.geometry import GridMap, PlacedScan, Pose2D, Scan
@@ -105,7 +106,8 @@ class Refinement:
 
         Scans added since the last time extend the rays already indexed; any other change builds
         them anew. Chains begin at `start`; without it they go on from where they are (a warm
-        start), and the first ones begin as the configuration says. Raises WindowError when there
+        start; where scans were placed anew the maps go with them), and the first ones begin as the
+        configuration says. Raises WindowError when there
         is nothing to sample or too much, and GridError when `start` is of another lattice;
         nothing has changed then.
         """
@@ -123,6 +125,10 @@ class Refinement:
         window.add(fresh)
         if window.index.n_rays == 0:
             raise WindowError(f'no beam of {len(scans)} scans says anything: nothing to sample')
+        if warm and not extends:
+            before = cells_before(self.window.spec, window.spec, self._taken, scans)
+            if before is not None:
+                warm = [warped(grid, before, window.spec) for grid in warm]
         self.window, self._taken = window, list(scans)
         self._begin(start, warm)
         return window.index.n_rays

@@ -158,6 +158,23 @@ class PoseBelief(NamedTuple):
         """Return the belief about the frame the localizer spoke of."""
         return self.moved(self.offset.inverse())
 
+    def carried_to(self, mean: Pose2D) -> PoseBelief:
+        """Return the belief as one body set elsewhere: doubt keeps its shape and turns along."""
+        step = mean.compose(self.mean.inverse())
+        cosine, sine = math.cos(step.yaw_rad), math.sin(step.yaw_rad)
+        covariance, particles = self.covariance, None
+        if covariance is not None:
+            turn = np.array([(cosine, -sine, 0.0), (sine, cosine, 0.0), (0.0, 0.0, 1.0)])
+            covariance = turn @ covariance @ turn.T
+        if self.particles is not None:
+            old = self.particles.poses
+            poses = np.empty_like(old)
+            poses[:, 0] = step.x_m + cosine * old[:, 0] - sine * old[:, 1]
+            poses[:, 1] = step.y_m + sine * old[:, 0] + cosine * old[:, 1]
+            poses[:, 2] = (old[:, 2] + step.yaw_rad + np.pi) % (2.0 * np.pi) - np.pi
+            particles = PoseSamples(poses, self.particles.weights)
+        return PoseBelief(mean, covariance, particles, self.offset)
+
 
 def pose_from_quaternion(
     position: tuple[float, float], quaternion: tuple[float, float, float, float]

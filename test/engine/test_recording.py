@@ -197,3 +197,25 @@ def test_minimum_travel_is_that_of_slam_toolbox():
     recording.add(at(2.0, stamp_s=31.0, frame_id='rear'))
     assert len(recording) == 7
     assert recording.let_go == {'too_near': 16}
+
+
+# -- corrected ------------------------------------------------------------------------------------
+
+
+def test_the_same_scans_at_other_poses():
+    config = SamplerConfig(window=WindowConfig(resolution=0.1))
+    recording, fresh = (Recording(RecordingConfig(), config) for _ in range(2))
+    scans = [at(0.3 * i, 1.0, 2.0, np.inf, stamp_s=i, increment=0.5) for i in range(8)]
+    moved = [PlacedScan.at(p.scan, Pose2D(p.pose.x_m, 0.5 * i)) for i, p in enumerate(scans)]
+    for one, other in zip(scans, moved, strict=True):
+        recording.add(one)
+        fresh.add(other)
+    recording.replace([*scans[:4], *moved[4:]])
+    assert recording.snapshot() == [*scans[:4], *moved[4:]]
+    recording.replace(moved)
+    assert (recording.size, recording.n_rays) == (fresh.size, fresh.n_rays)
+    assert recording.let_go.total() == 0
+    far = PlacedScan.at(moved[0].scan, Pose2D(9e5, 9e5))
+    with pytest.raises(GridError, match='expected what max_memory_mb = 2000 can hold'):
+        recording.replace([far, *moved[1:]])
+    assert recording.snapshot() == moved

@@ -428,3 +428,25 @@ def test_a_snapshot_stays_as_it_is():
     assert snapshot == [FIRST]
     recording.clear()
     assert (len(recording), recording.n_rays, recording.snapshot()) == (0, 0, [])
+
+
+def test_chains_go_along_with_scans_that_are_placed_anew():
+    """A room that was seen 0.6 m aside: the chains begin where its walls are now."""
+    config = SamplerConfig(
+        model=ForwardModelConfig(sigma=0.05),
+        window=WindowConfig(resolution=0.2),
+        chain=ChainConfig(chains=2, burn_in=0),
+    )
+    circle = {'bearing': 0.0, 'increment': math.pi / 20.0}
+    scans = [PlacedScan.at(fan(*[2.0] * 40, **circle), Pose2D(0.05 * k, 0.0)) for k in range(5)]
+    refinement = Refinement(config)
+    refinement.take(scans)
+    list(refinement.run(StopConfig(max_sweeps=30)))
+    before = [state.cells.copy() for state in refinement.sampler.states]
+    moved = [PlacedScan.at(p.scan, Pose2D(p.pose.x_m + 0.6, p.pose.y_m)) for p in scans]
+    old = refinement.window.spec
+    refinement.take(moved)
+    new = refinement.window.spec
+    assert new.column0 == old.column0 + 3
+    for state, cells in zip(refinement.sampler.states, before, strict=True):
+        assert np.array_equal(state.cells, cells)
