@@ -14,6 +14,7 @@ import numpy as np
 from tqdm import tqdm
 
 from ogm_mcmc.cli.bag_scans import BagScans, read_bag
+from ogm_mcmc.cli.kept_state import KeptState
 from ogm_mcmc.cli.option_ranges import Range, check_options
 from ogm_mcmc.cli.options import (
     Subparsers,
@@ -41,8 +42,8 @@ from ogm_mcmc.config import (
 from ogm_mcmc.config.nodes import REFINE_CONFIGS, RefineSamplerConfig
 from ogm_mcmc.engine.joint_poses import PoseRefinement
 from ogm_mcmc.engine.refinement import Progress, Recording, Refinement, warm_up
-from ogm_mcmc.errors import ConfigError, OutputError
-from ogm_mcmc.files.output_files import checked_name, makeable_folder, writable_folder
+from ogm_mcmc.errors import ConfigError
+from ogm_mcmc.files.output_files import checked_name, makeable_folder
 from ogm_mcmc.geometry import GridMap, GridSpec
 from ogm_mcmc.io.map_files import load_grid
 from ogm_mcmc.lab.cluster import connected, distribute
@@ -120,7 +121,7 @@ def run(options: argparse.Namespace) -> int:
     checked_name(options.name)
     makeable_folder(options.folder)
     if options.state is not None:
-        _check_state_file(options.state)
+        KeptState.checked(options.state)
     start = None
     if options.start_map is not None:
         start = _on_lattice(load_grid(options.start_map, options.max_cells))
@@ -149,15 +150,18 @@ def _run(
             refine_poses(poses, interrupted)
         scans = poses.placed()
     refinement.take(scans, start)
-    resumed = 0
-    if options.state is not None and options.state.exists():
-        refinement.resume(options.state)
-        assert refinement.sampler is not None
-        resumed = refinement.sampler.sweeps
+    state = KeptState(refinement, options.state)
+    resumed = state.resume()
     if executor is not None:
         distribute(refinement, scans, executor)
     with interruptible() as interrupted:
-        progress = sample(refinement, chosen.stop, interrupted)
+        try:
+            progress = sample(refinement, chosen.stop, interrupted, state.round_done)
+        except Exception:
+            # Between rounds chains on other machines stand here, whatever became of those.
+            if executor is not None:
+                state.rescue()
+            raise
         maps = _draw(refinement, options, interrupted)
     result = {
         **_read(options, bag),
@@ -165,9 +169,8 @@ def _run(
         'seconds': round(time.perf_counter() - started, 3),
         'settings': _settings(options, chosen),
     }
-    if options.state is not None:
-        writable_folder(options.state.parent)
-        refinement.save(options.state)
+    failed = state.attempt()
+    if options.state is not None and failed is None:
         result['state'] = str(options.state)
     if poses is not None:
         result['trajectory'] = poses.figures()
@@ -176,7 +179,7 @@ def _run(
     sampled = SampledMaps(refinement, maps, margin, options.thin, trajectory)
     result['files'] = write_all(sampled, chosen.output, result, options.folder, options.name)
     print_result(options, result, _text(result))
-    return 0
+    return 0 if failed is None else 1
 
 
 class _Chosen(NamedTuple):
@@ -221,12 +224,6 @@ def _settings(options: argparse.Namespace, chosen: _Chosen) -> dict[str, Any]:
         'thin': options.thin,
         'start_map': None if options.start_map is None else str(options.start_map),
     }
-
-
-def _check_state_file(path: Path) -> None:
-    if path.is_dir():
-        raise OutputError(f'{path}: is a folder; expected a name for a file')
-    makeable_folder(path.parent)
 
 
 def _on_lattice(grid_map: GridMap) -> GridMap:

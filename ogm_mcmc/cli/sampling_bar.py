@@ -1,8 +1,12 @@
-"""Sampling as a person at a terminal sees it: a bar that Ctrl-C ends."""
+"""Sampling as a person at a terminal sees it: a bar that Ctrl-C or SIGTERM ends.
+
+What was sampled by then is written.
+"""
 
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 
 from tqdm import tqdm
 
@@ -22,8 +26,16 @@ def refine_poses(poses: PoseRefinement, interrupted: threading.Event) -> None:
             bar.update()
 
 
-def sample(refinement: Refinement, stop: StopConfig, interrupted: threading.Event) -> Progress:
-    """Sample until a limit or Ctrl-C; return the last progress."""
+def sample(
+    refinement: Refinement,
+    stop: StopConfig,
+    interrupted: threading.Event,
+    round_done: Callable[[], object] = lambda: None,
+) -> Progress:
+    """Sample until a limit, Ctrl-C or SIGTERM; return the last progress.
+
+    `round_done` is called between sweeps, some ten times a second.
+    """
     rounds = refinement.run(stop, interrupted.is_set)
     form = '{desc}: {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} sweeps{postfix}'
     with tqdm(total=stop.max_sweeps, desc='sample', bar_format=form, disable=None) as bar:
@@ -31,6 +43,7 @@ def sample(refinement: Refinement, stop: StopConfig, interrupted: threading.Even
             done = round(progress.sweeps_per_s * progress.seconds)
             bar.set_postfix_str(status(progress, stop, done), refresh=False)
             bar.update(done - bar.n)
+            round_done()
     return progress
 
 

@@ -17,6 +17,7 @@ from ogm_mcmc.cli.sampling_bar import status
 from ogm_mcmc.config import PatchConfig, StopConfig, flatten, settings_of
 from ogm_mcmc.config.nodes import REFINE_CONFIGS
 from ogm_mcmc.engine.refinement import Progress, Refinement
+from ogm_mcmc.errors import OutputError
 from ogm_mcmc.evaluation.trajectories import absolute_errors
 from ogm_mcmc.geometry import PlacedScan, Pose2D, PoseBelief
 from ogm_mcmc.io.map_files import load_map, load_npz
@@ -121,16 +122,17 @@ def test_a_state_of_something_else_is_refused(sample, tmp_path, office_bag, caps
     assert (tmp_path / 'state.npz').read_bytes() == before
 
 
-def test_ctrl_c_ends_sampling_and_saves(sample, tmp_path, monkeypatch):
+@pytest.mark.parametrize('how', [signal.SIGINT, signal.SIGTERM])
+def test_ctrl_c_and_a_polite_kill_end_sampling_and_save(sample, tmp_path, monkeypatch, how):
     really = Refinement.run
 
     def soon_interrupted(self, stop, *cancelled):
         if cancelled:  # not what only warms up
-            threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT)).start()
+            threading.Timer(0.5, os.kill, (os.getpid(), how)).start()
         return really(self, stop, *cancelled)
 
     monkeypatch.setattr(Refinement, 'run', soon_interrupted)
-    handler = signal.getsignal(signal.SIGINT)
+    handler = signal.getsignal(how)
     endless = ('--max-time', '100', '--max-sweeps', '1000000', '--r-hat', '0', '--burn-in', '1')
     result = sample('-o', 'out', *COARSE, *endless, '--state', 'state.npz', '--samples', '1000000')
     assert result['reason'] == 'cancelled'
@@ -139,7 +141,23 @@ def test_ctrl_c_ends_sampling_and_saves(sample, tmp_path, monkeypatch):
     assert np.isfinite(probability(tmp_path / 'out')).any()
     assert (tmp_path / 'state.npz').stat().st_size > 0
     assert 'samples' not in result['files']
-    assert signal.getsignal(signal.SIGINT) is handler
+    assert signal.getsignal(how) is handler
+
+
+def test_a_state_that_cannot_be_written_does_not_cost_the_map(
+    office_bag, tmp_path, monkeypatch, capsys
+):
+    def full_disk(self, path):
+        raise OutputError(f'{path}: No space left on device')
+
+    monkeypatch.setattr(Refinement, 'save', full_disk)
+    monkeypatch.chdir(tmp_path)
+    options = ('-o', 'out', *FEW, '--max-scans', '200', '--state', 'state.npz')
+    assert run(['sample', str(office_bag), *options]) == 1
+    printed = capsys.readouterr()
+    assert 'No space left' in printed.err
+    assert 'state' not in json.loads(printed.out)
+    assert np.isfinite(probability(tmp_path / 'out')).any()
 
 
 def test_the_yaml_of_the_node_and_a_start_map(sample, tmp_path):
