@@ -8,13 +8,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ogm_mcmc.arrays import BoolArray, Float32Array, Float64Array
+from ogm_mcmc.arrays import AnyArray, BoolArray, Float32Array
 from ogm_mcmc.config.evaluation import EvaluationConfig
 from ogm_mcmc.errors import GridError
 from ogm_mcmc.evaluation.calibration import Reliability, brier_score, reliability
 from ogm_mcmc.evaluation.classification import ThresholdCounts, confusion_counts
 from ogm_mcmc.evaluation.distance import occupied_distance_error
-from ogm_mcmc.evaluation.divergence import divergence, entropy_nats, summed
+from ogm_mcmc.evaluation.divergence import divergence, summed, total_entropy
 from ogm_mcmc.evaluation.masks import cells_that_count
 from ogm_mcmc.geometry import GridMap
 
@@ -37,7 +37,7 @@ class Comparison(NamedTuple):
     probability: Float32Array
     occupied: BoolArray
     counted: BoolArray
-    divergence: Float64Array
+    divergence: AnyArray
     counts: ThresholdCounts
     reliability: Reliability
 
@@ -95,7 +95,8 @@ def compare(
     )
     counts = confusion_counts(probability[counted], occupied[counted])
     bins = reliability(probability[counted], occupied[counted], config.bins)
-    per_cell = divergence(occupied, probability, config.floor)
+    # One of the largest arrays there are.
+    per_cell = divergence(occupied, probability, config.floor, np.float32)
     comparison = Comparison({}, measured, probability, occupied, counted, per_cell, counts, bins)
     figures = _figures(comparison, truth.spec.resolution_m, config)
     figures['measured_cells'] = int((counted & np.isfinite(measured)).sum())
@@ -118,7 +119,7 @@ def _figures(of: Comparison, resolution_m: float, config: EvaluationConfig) -> d
         'divergence_nats': total.nats,
         'divergence_per_cell': total.nats / total.cells,
         'divergence_clipped_cells': total.clipped,
-        'entropy_nats': float(entropy_nats(probability).sum()),
+        'entropy_nats': total_entropy(probability),
         'at_threshold': at_threshold.scores(0)._asdict(),
         'best': of.counts.best()._asdict(),
         'roc_area': of.counts.roc_area(),

@@ -13,14 +13,21 @@ of 0 nothing is moved and the answer may be inf.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ogm_mcmc.arrays import AnyArray, BoolArray, Float64Array
 from ogm_mcmc.errors import GridError, require
 
-__all__ = ['Divergence', 'divergence', 'entropy_nats', 'summed', 'total_divergence']
+__all__ = [
+    'Divergence',
+    'divergence',
+    'entropy_nats',
+    'summed',
+    'total_divergence',
+    'total_entropy',
+]
 
 PART = 1 << 20
 
@@ -33,8 +40,13 @@ class Divergence(NamedTuple):
     clipped: int
 
 
-def divergence(benchmark: AnyArray, estimate: AnyArray, floor: float = 0.0) -> Float64Array:
-    """D_KL(p || q) of every cell, nats; nan where either is unknown (nan).
+def divergence(
+    benchmark: AnyArray,
+    estimate: AnyArray,
+    floor: float = 0.0,
+    kind: type[np.floating[Any]] = np.float64,
+) -> AnyArray:
+    """D_KL(p || q) of every cell, nats, as numbers of a `kind`; nan where either is unknown (nan).
 
     p log(p / q) + (1 - p) log((1 - p) / (1 - q)), p the benchmark, q the estimate.
     """
@@ -42,7 +54,7 @@ def divergence(benchmark: AnyArray, estimate: AnyArray, floor: float = 0.0) -> F
     p, q = (np.asarray(values) for values in (benchmark, estimate))
     if p.shape != q.shape:
         raise GridError(f'benchmark {p.shape} and estimate {q.shape}: expected the same cells')
-    nats = np.empty(p.shape, np.float64)
+    nats = np.empty(p.shape, kind)
     flat, p, q = nats.reshape(-1), p.reshape(-1), q.reshape(-1)
     for part in _parts(flat.size):
         flat[part] = _divergence(
@@ -70,7 +82,7 @@ def total_divergence(
 
 
 def summed(
-    nats: Float64Array, estimate: AnyArray, mask: BoolArray | None = None, floor: float = 0.0
+    nats: AnyArray, estimate: AnyArray, mask: BoolArray | None = None, floor: float = 0.0
 ) -> Divergence:
     """Return the total of a `divergence` that is there already, from this estimate and floor."""
     counted = ~np.isnan(nats)
@@ -78,7 +90,13 @@ def summed(
         counted &= mask
     q = np.asarray(estimate)[counted]
     clipped = int(((q < np.float64(floor)) | (q > np.float64(1.0 - floor))).sum())
-    return Divergence(float(nats[counted].sum()), int(counted.sum()), clipped)
+    return Divergence(float(nats[counted].sum(dtype=np.float64)), int(counted.sum()), clipped)
+
+
+def total_entropy(probability: AnyArray) -> float:
+    """Sum of the entropy of all cells, nats."""
+    flat = np.asarray(probability).reshape(-1)
+    return sum(float(entropy_nats(flat[part]).sum()) for part in _parts(flat.size))
 
 
 def entropy_nats(probability: AnyArray) -> Float64Array:

@@ -22,7 +22,8 @@ from ogm_mcmc.files.input_files import file_to_read, reason_of
 
 __all__ = ['MOST_PIXELS', 'Greys', 'read_greys']
 
-MOST_PIXELS = 100_000_000
+# A map of 350 m x 350 m at 5 cm. `evaluate` takes 35 bytes a cell: 1.8 GB for such a map.
+MOST_PIXELS = 50_000_000
 FORMATS = ('PNG', 'PPM', 'BMP', 'TIFF', 'GIF', 'JPEG', 'WEBP')
 STRIP = 256  # rows at a time, where colours take many bytes a pixel
 

@@ -10,8 +10,10 @@ from __future__ import annotations
 import gzip
 import zlib
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 
@@ -24,6 +26,9 @@ __all__ = ['CarmenLog', 'LogOdometry', 'LogScan', 'particle_weights', 'read_carm
 
 # An ODOM line with the pose of the scan before it is odometry if it comes within this time.
 ECHO_AFTER_S = 5.0
+
+# No line is longer: 10 000 readings, or as many particles, take a tenth of it. Bytes.
+LONGEST_LINE = 4_000_000
 
 LASER_KINDS = ('FLASER', 'RLASER', 'ROBOTLASER', 'LASER_READING')
 
@@ -75,7 +80,7 @@ def read_carmen(path: Path, field_of_view_rad: float = 0.0) -> CarmenLog:
         with path.open('rb') as raw:
             packed = raw.read(2) == b'\x1f\x8b'
         with gzip.open(path, 'rb') if packed else path.open('rb') as stream:
-            for number, line in enumerate(stream, start=1):
+            for number, line in enumerate(_lines(stream), start=1):
                 reader.take(number, line)
     except EOFError:
         log.cut = 'the gzip stream ends too early'
@@ -84,6 +89,14 @@ def read_carmen(path: Path, field_of_view_rad: float = 0.0) -> CarmenLog:
         raise LogError(f'{path}: expected a readable log ({reason})') from error
     reader.finish()
     return log
+
+
+def _lines(stream: IO[bytes]) -> Iterator[bytes]:
+    """Yield the lines; of one that is too long the beginning, one byte more than there may be."""
+    while line := stream.readline(LONGEST_LINE + 1):
+        yield line
+        while len(line) > LONGEST_LINE and not line.endswith(b'\n'):
+            line = stream.readline(LONGEST_LINE + 1)
 
 
 class _LineReader:
@@ -103,6 +116,8 @@ class _LineReader:
             return
         n_records = len(self.log.records)
         try:
+            if len(raw) > LONGEST_LINE:
+                raise fault(number, 'the line', f'at most {LONGEST_LINE} bytes')
             self.line(number, words)
             if not raw.endswith(b'\n'):
                 self.check_end(number, words[0], n_records)

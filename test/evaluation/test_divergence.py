@@ -11,6 +11,7 @@ from support.strategies import REPEATABLE
 
 from ogm_mcmc.errors import ConfigError, GridError
 from ogm_mcmc.evaluation import divergence, entropy_nats, total_divergence
+from ogm_mcmc.evaluation.divergence import total_entropy
 
 probabilities = st.floats(0.0, 1.0)
 
@@ -67,3 +68,8 @@ def test_what_is_no_probability():
         divergence([0.5, 0.5], [0.5])
     with pytest.raises(ConfigError, match='floor'):
         divergence([0.5], [0.5], floor=0.5)
+
+
+def test_the_sum_of_the_entropy_is_that_of_all_cells():
+    p = np.random.default_rng(3).random((7, 11))
+    assert total_entropy(p) == pytest.approx(entropy_nats(p).sum(), rel=1e-12)

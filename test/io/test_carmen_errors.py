@@ -2,6 +2,7 @@
 
 import gzip
 import random
+import tracemalloc
 
 import pytest
 
@@ -227,3 +228,18 @@ def test_a_reading_that_is_not_ascii(write_log):
 def test_raw_lasers_alone_name_no_pose(write_log):
     message = message_of(write_log('RAWLASER1 0 -1.5 3 0.25 50 0.01 0 2 1 2 0 5 host 5', ODOM))
     assert 'RAWLASER1 names no pose' in message
+
+
+def test_a_line_without_end_costs_that_line_and_little_memory(write_log):
+    plain = write_log(FLASER, FLASER).read_bytes()
+    endless = b'FLASER ' + b'1 ' * 40_000_000
+    path = write_log(FLASER)
+    path.write_bytes(gzip.compress(plain + endless + b'\n' + plain, compresslevel=1))
+    tracemalloc.start()
+    log = read_carmen(path)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert len(log.scans) == 4
+    assert log.damaged == 1
+    assert 'line 3: the line: expected at most 4000000 bytes' in log.first_damage
+    assert peak < 40e6

@@ -10,7 +10,7 @@ from support.naive import measured_cells
 from support.strategies import REPEATABLE, fan, poses, scans
 
 from ogm_mcmc.config import MapperConfig, settings_of
-from ogm_mcmc.geometry import CellBox, PlacedScan, Pose2D, PoseBelief, PoseSamples
+from ogm_mcmc.geometry import CellBox, PlacedScan, Pose2D, PoseBelief, PoseSamples, Scan
 from ogm_mcmc.mapping import METHODS, all_tables, extras_of, make_method
 
 # Methods that take either inverse model.
@@ -38,6 +38,25 @@ def shown(method):
 def test_the_config_offers_exactly_the_registered_methods():
     choices = next(leaf.choices for leaf in settings_of(MapperConfig) if leaf.name == 'method')
     assert set(choices) == set(METHODS)
+
+
+@every_method
+@pytest.mark.parametrize('reading', [5e-324, 1e-310, 1e-39, 1e-20])
+@pytest.mark.parametrize('doubt', [0.0, 1e-4])
+def test_a_reading_that_ends_where_it_starts_is_about_the_sensors_own_cell(config, reading, doubt):
+    method = make_method(config)
+    scan = Scan.checked(
+        np.array([reading, reading, reading], np.float32),
+        angle_min_rad=-1.0,
+        angle_increment_rad=1.0,
+        range_min_m=0.0,
+        range_max_m=5.0,
+    )
+    method.update(PlacedScan(scan, PoseBelief(Pose2D(0.05, 0.05), doubt * np.eye(3))))
+    after = shown(method)
+    assert all(0.0 <= value <= 1.0 for value in after.values())
+    if config.inverse_model == 'step' and doubt == 0.0 and config.method != 'sonar':
+        assert set(after) <= {(0, 0)}
 
 
 @every_method
