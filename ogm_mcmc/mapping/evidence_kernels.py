@@ -40,9 +40,10 @@ def stretch(x, y, end_x, end_y, hit, reach, model):
     """Where a ray's flat part and its special part end, as shares of the way to its end.
 
     reach  cells: no further than the sensor can say anything. Returns (flat, last, range).
+    A reading so short that it ends where it starts has no direction: it is about its own cell.
     """
     length = math.hypot(end_x - x, end_y - y)
-    if not hit:
+    if not hit or length == 0.0:
         return 1.0, 1.0, length
     sigma = model.sigma + model.growth * length * length
     before = length - model.half_width - model.sigmas_before * sigma
