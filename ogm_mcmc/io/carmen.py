@@ -13,7 +13,7 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO
+from typing import BinaryIO, cast
 
 import numpy as np
 
@@ -80,7 +80,7 @@ def read_carmen(path: Path, field_of_view_rad: float = 0.0) -> CarmenLog:
         with path.open('rb') as raw:
             packed = raw.read(2) == b'\x1f\x8b'
         with gzip.open(path, 'rb') if packed else path.open('rb') as stream:
-            for number, line in enumerate(_lines(stream), start=1):
+            for number, line in enumerate(_lines(cast(BinaryIO, stream)), start=1):
                 reader.take(number, line)
     except EOFError:
         log.cut = 'the gzip stream ends too early'
@@ -91,7 +91,7 @@ def read_carmen(path: Path, field_of_view_rad: float = 0.0) -> CarmenLog:
     return log
 
 
-def _lines(stream: IO[bytes]) -> Iterator[bytes]:
+def _lines(stream: BinaryIO) -> Iterator[bytes]:
     """Yield the lines; of one that is too long the beginning, one byte more than there may be."""
     while line := stream.readline(LONGEST_LINE + 1):
         yield line

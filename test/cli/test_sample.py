@@ -25,6 +25,7 @@ from ogm_mcmc.io.recording_bag import write_recording
 from ogm_mcmc.io.sample_files import load_samples
 from ogm_mcmc.io.trajectory_files import read_trajectory
 from ogm_mcmc.io.tum_files import read_deviations
+from ogm_mcmc.signals import leave_on_signals
 from ogm_mcmc.simulation import WORLDS, Lidar, record
 
 CELLS = ('--prior', 'uniform', '--patch-size', '1')
@@ -132,6 +133,7 @@ def test_ctrl_c_and_a_polite_kill_end_sampling_and_save(sample, tmp_path, monkey
         return really(self, stop, *cancelled)
 
     monkeypatch.setattr(Refinement, 'run', soon_interrupted)
+    leave_on_signals()  # as every command does
     handler = signal.getsignal(how)
     endless = ('--max-time', '100', '--max-sweeps', '1000000', '--r-hat', '0', '--burn-in', '1')
     result = sample('-o', 'out', *COARSE, *endless, '--state', 'state.npz', '--samples', '1000000')
