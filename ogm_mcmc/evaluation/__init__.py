@@ -19,7 +19,6 @@ from ogm_mcmc.evaluation.beam_likelihood import (
     LogDensity,
     beam_log_likelihood,
     log_likelihood_of_samples,
-    table_log_density,
 )
 from ogm_mcmc.evaluation.calibration import Reliability, brier_score, reliability
 from ogm_mcmc.evaluation.classification import Scores, ThresholdCounts, confusion_counts
@@ -73,7 +72,6 @@ __all__ = [
     'occupied_distance_error',
     'ratio_of_sums',
     'reliability',
-    'table_log_density',
     'total_divergence',
     'without_beams_that_leave',
 ]

@@ -18,7 +18,7 @@ from functools import partial
 
 import numpy as np
 
-from ogm_mcmc.arrays import AnyArray, Float64Array
+from ogm_mcmc.arrays import Float64Array
 from ogm_mcmc.errors import GridError
 from ogm_mcmc.evaluation.first_hit_kernels import segment_log_sums
 from ogm_mcmc.evaluation.first_hits import FirstHits, first_hits
@@ -30,30 +30,9 @@ __all__ = [
     'beam_log_likelihood',
     'density_within',
     'log_likelihood_of_samples',
-    'table_log_density',
 ]
 
 LogDensity = Callable[[Float64Array, Float64Array], Float64Array]
-
-
-def table_log_density(table: AnyArray, step_m: float) -> LogDensity:
-    """Make a forward model of a table (Z + 1, F + 1) of log p(z | f) in steps of `step_m`.
-
-    Row z and column f hold distances around z and f steps; the last row stands for no return,
-    the last column for nothing hit. Finite distances beyond the table take its last step.
-    """
-    log_p = np.asarray(table, np.float64)
-
-    def log_density(z_m: Float64Array, f_m: Float64Array) -> Float64Array:
-        return np.asarray(log_p[_steps(z_m, 0), _steps(f_m, 1)], np.float64)
-
-    def _steps(distance_m: Float64Array, axis: int) -> AnyArray:
-        last = log_p.shape[axis] - 1
-        finite = np.isfinite(distance_m)
-        steps = np.rint(np.where(finite, distance_m, 0.0) / step_m)
-        return np.where(finite, np.clip(steps, 0, last - 1), last).astype(np.int64)
-
-    return log_density
 
 
 def density_within(judge: LogDensity | ForwardModel, reach_m: float) -> LogDensity:

@@ -42,11 +42,6 @@ class Reliability(NamedTuple):
         gap = np.abs(self.occupied - self.sum_predicted)
         return float(gap.sum() / total) if total else float('nan')
 
-    def largest_error(self) -> float:
-        """Return the largest |observed - predicted| of any bin with cells."""
-        gaps = np.abs(self.observed() - self.predicted())[self.cells > 0]
-        return float(gaps.max()) if gaps.size else float('nan')
-
     def _mean(self, sums: Float64Array) -> Float64Array:
         empty = np.full_like(sums, np.nan)
         return np.asarray(np.divide(sums, self.cells, out=empty, where=self.cells > 0))

@@ -101,7 +101,11 @@ def plan_ray(column, row, x0, y0, x1, y1, plan):
 
 @njit(cache=True, nogil=True, inline='always')
 def mark_plan(bits, words_per_row, plan):
-    """Set the bit of every cell of a planned segment, one run of columns per row."""
+    """Set the bit of every cell of a planned segment, one run of columns per row.
+
+    bits  (height * words_per_row,) uint64, bit c of a row at word c // 64, position c % 64
+    Cost: one OR per crossed row, more where a run spans several words.
+    """
     here, end, leaving, step = plan[HERE], plan[END], plan[LEAVING], plan[STEP]
     rows_up = plan[ROWS_UP]
     start = np.uint64(plan[FIRST_ROW]) * words_per_row
@@ -128,23 +132,11 @@ def mark_plan(bits, words_per_row, plan):
 
 
 @njit(cache=True, nogil=True)
-def mark_ray(bits, words_per_row, column, row, x0, y0, x1, y1):
-    """Set the bit of every cell the segment crosses.
-
-    bits  (height * words_per_row,) uint64, bit c of a row at word c // 64, position c % 64
-    Cost: one OR per crossed row, more where a run spans several words.
-    """
-    plan = np.empty(PLAN_SIZE, np.int64)
-    plan_ray(column, row, x0, y0, x1, y1, plan)
-    mark_plan(bits, words_per_row, plan)
-
-
-@njit(cache=True, nogil=True)
 def trace_ray(column, row, x0, y0, x1, y1, columns, rows):
     """List the cells the segment crosses in the order it crosses them; return their number.
 
     columns, rows  (n,) int64, output; n at least |dx| + |dy| + 3 cells
-    The same plan as `mark_ray`, so the same cells.
+    From the plan that `mark_plan` takes, so the same cells.
     """
     plan = np.empty(PLAN_SIZE, np.int64)
     plan_ray(column, row, x0, y0, x1, y1, plan)

@@ -22,7 +22,6 @@ __all__ = [
     'POSE_STAMPED',
     'RANGE',
     'SCAN',
-    'TRANSFORMS',
     'laser_scan',
     'odometry',
     'path',
@@ -40,7 +39,6 @@ RANGE = 'sensor_msgs/msg/Range'
 ODOMETRY = 'nav_msgs/msg/Odometry'
 POSE_STAMPED = 'geometry_msgs/msg/PoseStamped'
 PATH = 'nav_msgs/msg/Path'
-TRANSFORMS = 'tf2_msgs/msg/TFMessage'
 
 
 def _make(name: str, *fields: Any) -> Any:

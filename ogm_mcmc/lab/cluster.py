@@ -24,7 +24,7 @@ import hashlib
 import pickle
 import tempfile
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import CancelledError, Executor
 from contextlib import contextmanager
 from dataclasses import replace
@@ -35,15 +35,15 @@ import numpy as np
 
 from ogm_mcmc import __version__
 from ogm_mcmc.arrays import UInt8Array
-from ogm_mcmc.config import SamplerConfig, StopConfig
-from ogm_mcmc.engine.refinement import Progress, Refinement
+from ogm_mcmc.config import SamplerConfig
+from ogm_mcmc.engine.refinement import Refinement
 from ogm_mcmc.errors import ClusterError, ConfigError, PriorError, WindowError
 from ogm_mcmc.files.user_paths import user_path
 from ogm_mcmc.geometry import PlacedScan
 from ogm_mcmc.sampling import PosteriorModel, PosteriorSampler
 from ogm_mcmc.sampling.diagnostics import BatchCounts
 
-__all__ = ['ChainState', 'advance_chain', 'connected', 'distribute', 'sample_chains']
+__all__ = ['ChainState', 'advance_chain', 'connected', 'distribute']
 
 ANSWER_S = 10.0
 WORKERS_S = 30.0
@@ -178,18 +178,6 @@ class Problem(NamedTuple):
     token: str
     n_rays: int
     n_cells: int
-
-
-def sample_chains(
-    refinement: Refinement,
-    scans: Sequence[PlacedScan],
-    stop: StopConfig,
-    executor: Executor,
-    cancelled: Callable[[], bool] = lambda: False,
-) -> Iterator[Progress]:
-    """Do what `refinement.run` does with every chain on a worker of its own; see `distribute`."""
-    distribute(refinement, scans, executor)
-    return refinement.run(stop, cancelled)
 
 
 def distribute(refinement: Refinement, scans: Sequence[PlacedScan], executor: Executor) -> None:

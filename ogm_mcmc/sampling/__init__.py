@@ -81,7 +81,7 @@ R-hat of chains that began apart knows. That a cell never flipped bounds its pro
 that are independent; the error is the least it can be.
 """
 
-from ogm_mcmc.sampling.cell_gibbs import CellModel, GibbsState, SweepInfo, run_chain, sweep
+from ogm_mcmc.sampling.cell_gibbs import CellModel, GibbsState, SweepInfo, sweep
 from ogm_mcmc.sampling.diagnostics import ChainQuality
 from ogm_mcmc.sampling.posterior import (
     Estimate,
@@ -103,6 +103,5 @@ __all__ = [
     'SweepInfo',
     'WindowSize',
     'over_dispersed_starts',
-    'run_chain',
     'sweep',
 ]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -21,7 +20,6 @@ __all__ = [
     'GibbsState',
     'SweepInfo',
     'highest_probability',
-    'run_chain',
     'start',
     'sweep',
 ]
@@ -132,16 +130,6 @@ def sweep(rng: Generator, state: GibbsState, model: CellModel) -> Draw:
         likelihood + model.log_prior(after),
     )
     return after, info
-
-
-def run_chain(
-    rng: Generator, state: GibbsState, model: CellModel, *, n_samples: int, burn_in: int = 0
-) -> Iterator[Draw]:
-    """Yield `n_samples` draws after `burn_in` sweeps; stop when you like."""
-    for i in range(burn_in + n_samples):
-        state, info = sweep(rng, state, model)
-        if i >= burn_in:
-            yield state, info
 
 
 def highest_probability(index: RayIndex, prior_log_odds: float) -> Float32Array:

@@ -16,15 +16,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from ogm_mcmc.arrays import AnyArray, Int32Array, UInt8Array
+from ogm_mcmc.arrays import AnyArray, Int32Array
 
 __all__ = [
     'SYMMETRIES',
     'canonical',
-    'cells_of',
     'images',
     'join',
-    'pattern_of',
     'ring_cells',
     'split',
     'symmetry_permutations',
@@ -32,17 +30,6 @@ __all__ = [
 
 SYMMETRIES = 8
 """Four quarter turns, each with and without a reflection."""
-
-
-def pattern_of(cells: AnyArray) -> int:
-    """Pattern of a square of cells (side, side), row 0 lowest y; anything but 0 is occupied."""
-    return sum(1 << i for i, occupied in enumerate(np.asarray(cells).ravel().tolist()) if occupied)
-
-
-def cells_of(pattern: int, side: int) -> UInt8Array:
-    """Cells (side, side) of a pattern, row 0 lowest y: 0 free, 1 occupied."""
-    bits = [(int(pattern) >> i) & 1 for i in range(side * side)]
-    return np.array(bits, np.uint8).reshape(side, side)
 
 
 def ring_cells(side: int) -> Int32Array:

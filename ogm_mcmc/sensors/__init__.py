@@ -9,7 +9,6 @@ from ogm_mcmc.sensors.inverse_model import (
     BeamModel,
     GaussianInverseModel,
     SonarInverseModel,
-    StepInverseModel,
     beam_model,
 )
 
@@ -18,6 +17,5 @@ __all__ = [
     'ForwardModel',
     'GaussianInverseModel',
     'SonarInverseModel',
-    'StepInverseModel',
     'beam_model',
 ]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +11,6 @@ from ogm_mcmc.config import ForwardModelConfig
 from ogm_mcmc.sensors.forward_model_kernels import (
     range_log_likelihood,
     range_log_likelihoods,
-    unseen_log_likelihood,
 )
 
 __all__ = ['ForwardModel']
@@ -69,20 +67,3 @@ class ForwardModel(NamedTuple):
         log_p = np.empty(readings_m.size)
         range_log_likelihoods(self, readings_m, reach_m, distances_m, log_p)
         return log_p
-
-    def cut_error(self, cut_sigma: float, reading_m: float, reach_m: float) -> float:
-        """Bound, in nats, on what cutting a ray `cut_sigma` behind its reading changes.
-
-        The largest difference between the likelihood given to "nothing up to the cut" and that
-        of any first hit behind it. For `gaussian` that grows with the square of the distance:
-        there a cut is another model, one whose likelihood stays level behind the cut.
-        """
-        cut_m = reading_m + cut_sigma * self.sigma_m
-        if not cut_m < reach_m:
-            return 0.0
-        given = float(unseen_log_likelihood(self, reading_m, reach_m, cut_m))
-        # The likelihood falls monotonically behind the reading, so the ends are extreme.
-        outcomes = (cut_m, reach_m, math.inf)
-        return max(
-            abs(self.log_likelihood(reading_m, reach_m, distance) - given) for distance in outcomes
-        )

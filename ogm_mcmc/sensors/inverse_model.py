@@ -14,38 +14,18 @@ from typing import NamedTuple
 import numpy as np
 
 from ogm_mcmc.arrays import Float64Array
-from ogm_mcmc.config import GaussianModelConfig, MapperConfig, SonarModelConfig, StepModelConfig
+from ogm_mcmc.config import GaussianModelConfig, MapperConfig, SonarModelConfig
 
 __all__ = [
     'BeamModel',
     'GaussianInverseModel',
     'SonarInverseModel',
-    'StepInverseModel',
     'beam_model',
 ]
 
 # Behind the wall the Gaussian model returns to 1/2; from here on, in sigmas, it says less than
 # 0.003 nats.
 SIGMAS_BEHIND = 3.0
-
-
-@dataclass(frozen=True)
-class StepInverseModel:
-    """`l_free` in front of the reading, `l_occ` around it, nothing behind it ([gibbs], [slides]).
-
-    The mappers give `l_occ` to the one cell the beam ends in; as a function of the distance that
-    is a width of about a cell.
-    """
-
-    config: StepModelConfig
-    width_m: float
-
-    def log_odds(self, distance_m: Float64Array, reading_m: float) -> Float64Array:
-        """Log-odds, nats, of cells at distances along the beam, any shape."""
-        offset = np.asarray(distance_m, np.float64) - reading_m
-        behind = np.where(offset < 0.5 * self.width_m, self.config.l_occ, 0.0)
-        values: Float64Array = np.where(offset < -0.5 * self.width_m, self.config.l_free, behind)
-        return values
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,6 @@ default), or 0, where it enters, the distance to the wall itself as Stage and a 
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -100,8 +99,3 @@ class GridWorld(NamedTuple):
         if not (0.0 <= x < self.spec.width and 0.0 <= y < self.spec.height):
             raise ConfigError(f'pose ({pose.x_m:g}, {pose.y_m:g}): expected inside of the world')
         return x, y
-
-    def is_free(self, pose: Pose2D) -> bool:
-        """Whether the cell of a pose is free."""
-        x, y = self.cell_position(pose)
-        return not self.occupied[math.floor(y), math.floor(x)]

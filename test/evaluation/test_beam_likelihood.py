@@ -17,7 +17,6 @@ from ogm_mcmc.evaluation import (
     expected_information_gain,
     first_hits,
     log_likelihood_of_samples,
-    table_log_density,
 )
 from ogm_mcmc.geometry import GridMap, GridSpec, PlacedScan, Pose2D
 
@@ -139,14 +138,6 @@ def test_only_informative_beams_count():
     here = [PlacedScan.at(scan, Pose2D(0.5, 0.5))]
     assert beam_log_likelihood(corridor(0.5), here, gaussian).size == 2
     assert beam_log_likelihood(corridor(0.5), [], gaussian).size == 0
-
-
-def test_a_table_serves_as_well():
-    table = np.log(np.array([[0.1, 0.2, 0.3], [0.4, 0.5, 0.6], [0.7, 0.8, 0.9]]))
-    model = table_log_density(table, 0.5)
-    z = np.array([0.0, 0.6, np.inf, 99.0])
-    f = np.array([0.5, np.inf, 0.1, 0.0])
-    assert np.exp(model(z, f)) == pytest.approx([0.2, 0.6, 0.7, 0.4])
 
 
 def test_information_without_noise_is_the_entropy_of_the_first_hit():

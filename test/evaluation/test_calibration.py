@@ -14,7 +14,6 @@ def test_two_bins_by_hand():
     assert bins.predicted() == pytest.approx([0.2, 0.8])
     assert bins.observed() == pytest.approx([0.5, 1.0])
     assert bins.expected_error() == pytest.approx((2 * 0.3 + 2 * 0.2) / 4)
-    assert bins.largest_error() == pytest.approx(0.3)
 
 
 @pytest.mark.parametrize('bins', [1, 7, 10, 50])

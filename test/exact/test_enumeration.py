@@ -5,6 +5,7 @@ import time
 import numpy as np
 import pytest
 from hypothesis import given, settings
+from support.cuts import cut_error
 from support.naive_posterior import NaivePosterior
 from support.strategies import REPEATABLE, fan
 from support.tiny_problems import cell_numbers, tiny_problems
@@ -78,7 +79,7 @@ def test_cutting_rays_changes_the_posterior_by_less_than_its_bound(reading, shor
         window = RayWindow(WindowConfig(resolution=1.0, cut_sigma=cut_sigma), model)
         window.add(placed)
         bound = sum(
-            window.model.cut_error(cut_sigma, ray.reading, ray.reach) for ray in whole.rays
+            cut_error(window.model, cut_sigma, ray.reading, ray.reach) for ray in whole.rays
         )
         cut = enumerate_maps(window.index, np.log(0.2 / 0.8))
         for k, p in zip(cut.touched.tolist(), cut.marginals, strict=True):

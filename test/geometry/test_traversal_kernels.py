@@ -17,7 +17,7 @@ from support.strategies import (
     touchy_segments,
 )
 
-from ogm_mcmc.geometry.traversal_kernels import mark_ray, trace_ray
+from ogm_mcmc.geometry.traversal_kernels import PLAN_SIZE, mark_plan, plan_ray, trace_ray
 
 # Nearer to a corner than this, the fixed-point walk may round to either side (design note).
 ROUNDING = 1e-9
@@ -37,7 +37,9 @@ def traced(segment, column=0, row=0):
 def marked(segment, column, row, words_per_row, height):
     """Cells marked in an empty bit set."""
     bits = np.zeros(words_per_row * height, np.uint64)
-    mark_ray(bits, np.uint64(words_per_row), column, row, *segment)
+    plan = np.empty(PLAN_SIZE, np.int64)
+    plan_ray(column, row, *segment, plan)
+    mark_plan(bits, np.uint64(words_per_row), plan)
     shown = np.unpackbits(bits.view(np.uint8), bitorder='little').reshape(height, -1)
     rows, columns = np.nonzero(shown)
     return set(zip(columns.tolist(), rows.tolist(), strict=True))

@@ -21,11 +21,16 @@ from ogm_mcmc.engine.refinement import Refinement
 from ogm_mcmc.errors import ClusterError, ConfigError, WindowError
 from ogm_mcmc.io.prior_files import default_prior_file
 from ogm_mcmc.lab import cluster, experiments
-from ogm_mcmc.lab.cluster import connected, sample_chains
+from ogm_mcmc.lab.cluster import connected, distribute
 from ogm_mcmc.lab.experiments import run_all
 from ogm_mcmc.simulation import WORLDS, Lidar, record
 
 STOP = StopConfig(max_sweeps=120, max_time=1e6, r_hat=0.0)
+
+
+def sample_chains(refinement, scans, stop, executor):
+    distribute(refinement, scans, executor)
+    return refinement.run(stop)
 
 
 def config(**patch):

@@ -11,7 +11,7 @@ from support.strategies import REPEATABLE, fan, poses, scans
 
 from ogm_mcmc.config import MapperConfig, StepModelConfig
 from ogm_mcmc.geometry import CellBox, PlacedScan, Pose2D, PoseBelief
-from ogm_mcmc.geometry.traversal_kernels import beam_ends, mark_ray, trace_ray
+from ogm_mcmc.geometry.traversal_kernels import beam_ends, trace_ray
 from ogm_mcmc.mapping import TwoAssumptionMapper
 from ogm_mcmc.mapping.two_assumption_kernels import add_misses, fuse_per_beam, fuse_per_scan
 
@@ -158,5 +158,5 @@ def test_one_specialization_of_each_kernel():
     for kernel in (beam_ends, fuse_per_scan, fuse_per_beam):
         assert len(kernel.signatures) == 1, (kernel.__name__, kernel.signatures)
     # Called from other kernels: nothing to be compiled where those came from the cache.
-    for kernel in (mark_ray, trace_ray, add_misses):
+    for kernel in (trace_ray, add_misses):
         assert len(kernel.signatures) <= 1, (kernel.__name__, kernel.signatures)

@@ -1,7 +1,5 @@
 """Sweeps over single cells: the same maps as the slow twin, and the right distribution."""
 
-from itertools import islice
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -13,7 +11,7 @@ from support.tiny_problems import TinyProblem, cell_numbers, tiny_problems
 from ogm_mcmc.config import ForwardModelConfig, WindowConfig
 from ogm_mcmc.errors import ConfigError, GridError
 from ogm_mcmc.geometry import PlacedScan, Pose2D
-from ogm_mcmc.sampling import CellModel, PosteriorSampler, RayWindow, run_chain, sweep
+from ogm_mcmc.sampling import CellModel, PosteriorSampler, RayWindow, sweep
 from ogm_mcmc.sampling.cell_gibbs import ORDERS, start
 from ogm_mcmc.sampling.gibbs_kernels import conditional_log_odds, find_first_hits
 
@@ -233,22 +231,6 @@ def test_a_sweep_leaves_its_state_alone_and_says_what_it_did():
     # Up to the same constant for all maps.
     constant = info.log_posterior - naive.log_joint(occupied)
     assert constant == approx(-len(naive.touched) * naive.log_free, abs=1e-4)
-
-
-def test_chains_are_lazy_and_repeatable():
-    model = model_of(problem().indexed(), 0.2)
-    state = model.start(np.zeros(model.n_cells, np.uint8))
-
-    def run(seed, n_samples=20, burn_in=3):
-        rng = np.random.default_rng(seed)
-        return run_chain(rng, state, model, n_samples=n_samples, burn_in=burn_in)
-
-    draws = [after.cells.tolist() for after, _ in run(4)]
-    assert len(draws) == 20
-    assert draws == [after.cells.tolist() for after, _ in run(4)]
-    assert draws[3:] == [after.cells.tolist() for after, _ in run(4, n_samples=17, burn_in=6)]
-    assert draws != [after.cells.tolist() for after, _ in run(5)]
-    assert len(list(islice(run(4, n_samples=10**12), 2))) == 2
 
 
 def test_cells_no_ray_crosses_stay_free():

@@ -9,13 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 from support import naive_patches
+from support.patterns import pattern_of
 from support.pictures import draw, read
 from support.strategies import REPEATABLE
 
 from ogm_mcmc.config import LearningConfig
 from ogm_mcmc.errors import PriorError
 from ogm_mcmc.sampling.patch_learning import count_map, count_windows, rescaled, total_of
-from ogm_mcmc.sampling.patch_patterns import pattern_of
 
 
 def counter(windows, side):

@@ -3,14 +3,13 @@
 import numpy as np
 import pytest
 from support import naive_patches
+from support.patterns import cells_of, pattern_of
 from support.pictures import read
 
 from ogm_mcmc.sampling.patch_patterns import (
     canonical,
-    cells_of,
     images,
     join,
-    pattern_of,
     ring_cells,
     split,
     symmetry_permutations,

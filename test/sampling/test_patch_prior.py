@@ -6,12 +6,13 @@ from collections import Counter
 import numpy as np
 import pytest
 from support import naive_patches
+from support.patterns import pattern_of
 from support.pictures import read
 
 from ogm_mcmc.config import LearningConfig, PatchTableConfig
 from ogm_mcmc.errors import ConfigError, PriorError
 from ogm_mcmc.sampling.patch_learning import PatchCounts, WindowCounts, count_map, total_of
-from ogm_mcmc.sampling.patch_patterns import images, join, pattern_of, ring_cells, split
+from ogm_mcmc.sampling.patch_patterns import images, join, ring_cells, split
 from ogm_mcmc.sampling.patch_prior import log_probabilities, make_table, nats_per_window
 
 LEARNED = [('patch', 1), ('patch', 9), ('patch', 25), ('border', 1), ('border', 9)]

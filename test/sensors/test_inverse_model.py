@@ -12,12 +12,10 @@ from ogm_mcmc.config import (
     GaussianModelConfig,
     MapperConfig,
     SonarModelConfig,
-    StepModelConfig,
 )
 from ogm_mcmc.sensors import (
     GaussianInverseModel,
     SonarInverseModel,
-    StepInverseModel,
     beam_model,
 )
 from ogm_mcmc.sensors.inverse_model_kernels import gaussian_log_odds, phi, sonar_log_odds
@@ -120,13 +118,6 @@ def test_lengths_of_the_kernel_model_are_cells():
     assert (model.sigma, model.half_width) == approx((2.0, 1.5))
     # 5 m are 50 cells: sigma there is 0.2 + 0.25 m, that is 4.5 cells.
     assert model.sigma + model.growth * 50.0**2 == approx(4.5)
-
-
-def test_step_values():
-    model = StepInverseModel(StepModelConfig(l_free=-0.7, l_occ=2.0), width_m=0.1)
-    assert model.log_odds(np.array([0.0, 0.94, 0.96, 1.04, 1.06]), 1.0).tolist() == [
-        *(-0.7, -0.7, 2.0, 2.0, 0.0)
-    ]
 
 
 # -- sonar --------------------------------------------------------------------------------------

@@ -109,7 +109,8 @@ def test_a_tour_of_a_grid_stays_in_the_free_space():
     tour = tour_of(world, explore(world, Exploration(max_stops=6), np.random.default_rng(1)))
     assert np.array_equal(tour, tour[::-1])
     for pose in walk(tour, period_s=0.1, speed_m_s=0.5, turn_rad_s=3.0):
-        assert world.is_free(pose)
+        x, y = world.cell_position(pose)
+        assert not world.occupied[int(y), int(x)]
 
 
 @pytest.mark.parametrize('name', sorted(WORLDS))

@@ -132,8 +132,6 @@ def test_made_of_a_map():
     free = GridWorld.from_map(grid_map, unknown_occupied=False)
     assert free.occupied.tolist() == [[0, 1, 0]]
     assert free.truth().probability.tolist() == [[0.0, 1.0, 0.0]]
-    assert free.is_free(Pose2D(0.2, 0.2))
-    assert not free.is_free(Pose2D(0.7, 0.2))
     with pytest.raises(GridError, match='expected'):
         GridWorld.checked(GridSpec(1.0, 2, 2), np.zeros((3, 2)))
 

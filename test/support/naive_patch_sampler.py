@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ogm_mcmc.arrays import Float64Array
-from ogm_mcmc.sampling.patch_patterns import cells_of, pattern_of
 from ogm_mcmc.sampling.patch_prior import PatchTable
 from ogm_mcmc.sampling.ray_index import RayIndex
+from support.patterns import cells_of, pattern_of
 
 __all__ = [
     'NaiveRay',
