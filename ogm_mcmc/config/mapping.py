@@ -112,9 +112,16 @@ class PoseUncertainConfig:
 
     samples: int = setting(
         100,
-        'poses drawn from a Gaussian belief; particles are all used',
+        'poses drawn from a Gaussian belief',
         low=1,
         high=10_000,
+        live=True,
+    )
+    max_particles: int = setting(
+        200,
+        'of a larger cloud of particles so many are used, drawn by their weights',
+        low=1,
+        high=1_000_000,
         live=True,
     )
     accuracy: float = setting(

@@ -43,6 +43,9 @@ RESTART_AFTER = 10
 # While poses come in, a scan waits for its own, but not longer than so many timeouts.
 PATIENCE = 10.0
 
+# 64 MB of them.
+MAX_PARTICLES = 2_000_000
+
 DROP_REASONS = {
     'scan_out_of_order': 'it is older than the scan before it, or the same scan again',
     'scan_jumped_back': 'its stamp is more than 1 s before the scan before it, or again and again',
@@ -105,7 +108,8 @@ class PoseHistory:
 
     Between two poses the belief is interpolated, unless they are more than `max_gap_s` apart or
     imply that the robot moved faster than `max_speed_m_s` or turned faster than `max_turn_rad_s`
-    (a localizer that found its place again: what lies between is no place where it was).
+    (a localizer that found its place again: what lies between is no place where it was). At most
+    `2 keep` poses are held, and of clouds so many that they have `MAX_PARTICLES` particles.
     """
 
     def __init__(
@@ -123,6 +127,7 @@ class PoseHistory:
         self.stamps: list[int] = []
         self.beliefs: list[PoseBelief] = []
         self._late = 0  # in a row
+        self._particles = 0
 
     def add(self, stamp_ns: int, belief: PoseBelief) -> str | None:
         """Take a pose; return the reason when it was dropped (or restarted the history)."""
@@ -136,9 +141,16 @@ class PoseHistory:
         self._late = 0
         self.stamps.append(stamp_ns)
         self.beliefs.append(belief)
+        self._particles += _size(belief)
         if len(self.stamps) > 2 * self.keep:
-            del self.stamps[: -self.keep], self.beliefs[: -self.keep]
+            self._forget(len(self.stamps) - self.keep)
+        elif self._particles > MAX_PARTICLES and len(self.stamps) > 2:
+            self._forget(len(self.stamps) // 2)
         return 'pose_jumped_back' if restarted else None
+
+    def _forget(self, count: int) -> None:
+        self._particles -= sum(map(_size, self.beliefs[:count]))
+        del self.stamps[:count], self.beliefs[:count]
 
     def restart(self, stamp_ns: int) -> None:
         """Forget all poses if any lies ahead of a stamp: time started again there."""
@@ -149,7 +161,7 @@ class PoseHistory:
         """Forget all poses."""
         self.stamps.clear()
         self.beliefs.clear()
-        self._late = 0
+        self._late = self._particles = 0
 
     def at(self, stamp_ns: int) -> PoseBelief:
         """Return the belief at a stamp; raises Waiting or Unplaceable."""
@@ -168,6 +180,10 @@ class PoseHistory:
         if jumps(before.mean, after.mean, end - start, *limits):
             raise Unplaceable('pose_jump')
         return _between(before, after, (stamp_ns - start) / (end - start))
+
+
+def _size(belief: PoseBelief) -> int:
+    return 0 if belief.particles is None else belief.particles.weights.size
 
 
 def _between(earlier: PoseBelief, later: PoseBelief, fraction: float) -> PoseBelief:

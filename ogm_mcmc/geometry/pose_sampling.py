@@ -12,12 +12,14 @@ from ogm_mcmc.arrays import Float64Array
 from ogm_mcmc.geometry.pose import Pose2D, PoseBelief, PoseSamples
 
 __all__ = [
+    'at_most',
     'draw_gaussian',
     'merged',
     'quasi_normals',
     'random_normals',
     'samples_for_accuracy',
     'samples_of',
+    'systematic',
 ]
 
 Normals = Callable[[np.random.Generator, int], Float64Array]
@@ -30,6 +32,9 @@ FLAT = 1e-12
 STEPS = np.array([0.8191725133961645, 0.6710436067037893, 0.5497004779019703])
 
 QUANTILE = NormalDist().inv_cdf
+
+# More particles than anybody sends.
+NO_LIMIT = 2**62
 
 # The truth is within so many standard errors in 95 of 100 cases.
 TWO_SIDED_95 = 1.959964
@@ -105,6 +110,33 @@ def merged(samples: PoseSamples, negligible: float = 0.0) -> PoseSamples:
     return PoseSamples(poses[used], np.ones(1) if kept.size == 1 else kept / kept.sum())
 
 
+def systematic(samples: PoseSamples, count: int, offset: float = 0.5) -> Float64Array:
+    """Resample to `count` equally weighted poses (count, 3).
+
+    Low-variance sampling with one offset in [0, 1): a particle of weight w appears floor or
+    ceil of count * w times. 0.5, the middle, keeps it free of chance.
+    """
+    positions = (np.arange(count) + offset) / count
+    edges = np.cumsum(samples.weights)
+    edges[-1] = 1.0
+    chosen: Float64Array = samples.poses[np.searchsorted(edges, positions, side='right')]
+    return chosen
+
+
+def at_most(samples: PoseSamples, count: int, offset: float) -> PoseSamples:
+    """Return a cloud, or `count` poses that stand for one that is larger.
+
+    They are drawn systematically along the direction in which the cloud is longest (`offset` in
+    [0, 1) is the chance), so that they are spread as it is.
+    """
+    if samples.weights.size <= count:
+        return samples
+    along = spread_of(samples.covariance())[:2, 2]
+    order = np.argsort(samples.poses[:, :2] @ along, kind='stable')
+    ordered = PoseSamples(samples.poses[order], samples.weights[order])
+    return merged(PoseSamples(systematic(ordered, count, offset), np.full(count, 1.0 / count)))
+
+
 def samples_of(
     belief: PoseBelief,
     rng: np.random.Generator,
@@ -114,13 +146,18 @@ def samples_of(
     accuracy_m: float = 0.0,
     lever_m: float = 0.0,
     negligible: float = 0.0,
+    max_particles: int = NO_LIMIT,
 ) -> PoseSamples:
     """Turn a belief into samples: its particles; draws from its Gaussian; or its mean alone.
 
-    `count` draws, or with an accuracy above 0 as many as that takes, up to `count`.
+    `count` draws, or with an accuracy above 0 as many as that takes, up to `count`. Of a cloud of
+    more than `max_particles` so many that are drawn from it.
     """
     if belief.particles is not None:
-        return merged(belief.particles, negligible)
+        cloud = belief.particles
+        if cloud.weights.size > max_particles:
+            return at_most(cloud, max_particles, float(rng.random()))
+        return merged(cloud, negligible)
     covariance = belief.covariance
     if covariance is None or not covariance.any():
         mean = belief.mean

@@ -14,9 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from ogm_mcmc.arrays import Float32Array, Float64Array
+from ogm_mcmc.arrays import Float32Array
 from ogm_mcmc.errors import ConfigError, LogError
-from ogm_mcmc.geometry import Pose2D, PoseSamples
+from ogm_mcmc.geometry import Pose2D
+from ogm_mcmc.geometry.pose_sampling import systematic
 from ogm_mcmc.io import ros_types
 from ogm_mcmc.io.bags import BagWriter
 from ogm_mcmc.io.carmen import CarmenLog, LogOdometry, LogScan, read_carmen
@@ -28,7 +29,7 @@ from ogm_mcmc.io.carmen_times import (
 )
 from ogm_mcmc.io.no_return import LaserRange, laser_range
 
-__all__ = ['ImportOptions', 'ImportSummary', 'import_carmen', 'systematic']
+__all__ = ['ImportOptions', 'ImportSummary', 'import_carmen']
 
 
 @dataclass(frozen=True)
@@ -94,19 +95,6 @@ class ImportSummary:
     def as_dict(self) -> dict[str, Any]:
         """Return plain values for JSON."""
         return asdict(self)
-
-
-def systematic(samples: PoseSamples, count: int, offset: float = 0.5) -> Float64Array:
-    """Resample to `count` equally weighted poses (count, 3).
-
-    Low-variance sampling with one offset in [0, 1): a particle of weight w appears floor or
-    ceil of count * w times. 0.5, the middle, keeps it free of chance.
-    """
-    positions = (np.arange(count) + offset) / count
-    edges = np.cumsum(samples.weights)
-    edges[-1] = 1.0
-    chosen: Float64Array = samples.poses[np.searchsorted(edges, positions, side='right')]
-    return chosen
 
 
 def import_carmen(

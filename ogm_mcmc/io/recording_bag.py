@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from ogm_mcmc.geometry import PlacedScan, Scan
+from ogm_mcmc.geometry.pose_sampling import systematic
 from ogm_mcmc.io import ros_types
 from ogm_mcmc.io.bags import BagWriter
-from ogm_mcmc.io.carmen_import import systematic
 from ogm_mcmc.simulation import DrivenScan, LocalizedScan
 
 __all__ = ['write_drive', 'write_localized', 'write_recording']

@@ -30,4 +30,5 @@ def pose_samples(
         accuracy_m=chosen.accuracy,
         lever_m=lever_m,
         negligible=chosen.negligible,
+        max_particles=chosen.max_particles,
     )

@@ -90,6 +90,16 @@ class OnlineMapper(Node):
         self.mapping_s += time.perf_counter() - started
         self._last_stamp_ns = placed.scan.stamp_ns
         self.maps.mark(changed)
+        self._remark_on_cloud(placed)
+
+    def _remark_on_cloud(self, placed: PlacedScan) -> None:
+        cloud, config = placed.belief.particles, self.pipeline.config
+        limit = config.pose_uncertain.max_particles
+        if cloud is not None and cloud.weights.size > limit and uses_covariance(config.method):
+            self.intake.problems.remark(
+                f'clouds of more than {limit} particles: so many are drawn for each scan '
+                '(pose_uncertain.max_particles)'
+            )
 
     def on_housekeeping(self) -> None:
         """Drop scans that waited too long; do not let a new listener wait for its map."""

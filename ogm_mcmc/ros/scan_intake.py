@@ -34,6 +34,9 @@ __all__ = ['ScanIntake']
 # Transforms are kept this long at least.
 KEEP_TF_S = 30.0
 
+# Scans are used for so long at once; the others wait for the next message or call.
+WORK_S = 0.2
+
 # How long a best-effort publisher may go unheard.
 ADAPT_EVERY_S = 0.2
 
@@ -252,7 +255,8 @@ class ScanIntake:
         """Use every waiting scan whose pose is known; drop those that waited too long."""
         if self.paused:
             return
-        for taken in self.placer.placed(time.monotonic()):
+        began = time.monotonic()
+        for taken in self.placer.placed(began):
             try:
                 self.use(taken.on_mount())
             except GridError as error:
@@ -260,6 +264,8 @@ class ScanIntake:
             else:
                 self.counts['beams_used'] += taken.scan.n_informative()
                 self.watch.scan_used()
+            if time.monotonic() - began > WORK_S:
+                return  # whoever calls a service must not wait for all of them
 
     def adapt(self) -> None:
         """Hear publishers that are best effort as well."""

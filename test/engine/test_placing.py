@@ -9,6 +9,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from support.strategies import REPEATABLE, fan, stamps_ns
 
+from ogm_mcmc.engine import placing
 from ogm_mcmc.engine.placing import DROP_REASONS, PoseHistory, ScanPlacer, Unplaceable, Waiting
 from ogm_mcmc.geometry import Pose2D, PoseBelief, PoseSamples, Scan, SensorMount, interpolate
 
@@ -252,6 +253,20 @@ def test_frames_that_somebody_makes_up_do_not_fill_the_memory():
     grown, _ = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert grown < 300_000  # a thousand names and numbers replaced; all kept are 600 000
+
+
+def test_clouds_do_not_fill_the_memory(monkeypatch):
+    monkeypatch.setattr(placing, 'MAX_PARTICLES', 1000)
+    history = PoseHistory()
+    cloud = PoseSamples.checked(np.zeros((100, 3)))
+    for k in range(200):
+        history.add(k * S, PoseBelief(Pose2D(), None, cloud))
+        assert len(history.beliefs) <= 10
+    assert history.at(199 * S).particles is cloud
+    history.clear()
+    for k in range(2000):
+        history.add(k * S, PoseBelief(Pose2D()))
+    assert len(history.beliefs) == 2000
 
 
 def test_a_scan_waits_for_the_mount_of_its_sensor():

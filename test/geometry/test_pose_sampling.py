@@ -4,12 +4,13 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.strategies import REPEATABLE
 
 from ogm_mcmc.geometry import Pose2D, PoseBelief, PoseSamples
 from ogm_mcmc.geometry.pose_sampling import (
+    at_most,
     draw_gaussian,
     merged,
     quasi_normals,
@@ -17,6 +18,7 @@ from ogm_mcmc.geometry.pose_sampling import (
     samples_for_accuracy,
     samples_of,
     spread_of,
+    systematic,
 )
 
 approx = pytest.approx
@@ -160,3 +162,77 @@ def test_accuracy_never_takes_more_than_the_number_of_samples():
     capped = samples_of(belief, rng(), count=50, quasi=True, accuracy_m=0.01, lever_m=1.0)
     assert few.weights.size == samples_for_accuracy(belief.covariance, 1.0, 0.5) < 20
     assert capped.weights.size == 50
+
+
+@given(
+    weights=st.lists(st.floats(0.0, 1.0), min_size=1, max_size=20).filter(lambda w: sum(w) > 1e-3),
+    count=st.integers(1, 60),
+    offset=st.floats(0.0, 0.999),
+)
+@settings(derandomize=True, deadline=None)
+def test_systematic_resampling_counts(weights, count, offset):
+    share = np.array(weights) / sum(weights)
+    poses = np.arange(3.0 * share.size).reshape(-1, 3)
+    chosen = systematic(PoseSamples(poses, share), count, offset)
+    assert chosen.shape == (count, 3)
+    for pose, weight in zip(poses, share, strict=True):
+        times = int((chosen == pose).all(axis=1).sum())
+        assert math.floor(count * weight - 1e-9) <= times <= math.ceil(count * weight + 1e-9)
+
+
+def test_systematic_resampling_by_hand():
+    poses = np.array([[0.0, 0, 0], [1, 1, 1], [2, 2, 2]])
+    samples = PoseSamples(poses, np.array([0.5, 0.2, 0.3]))
+    # Positions 1/8, 3/8, 5/8, 7/8 against the edges 0.5, 0.7, 1.
+    assert systematic(samples, 4)[:, 0].tolist() == [0, 0, 1, 2]
+    assert systematic(samples, 2, offset=0.0)[:, 0].tolist() == [0, 1]
+
+
+def test_equal_weights_come_back_one_each():
+    poses = np.arange(90.0).reshape(30, 3)
+    samples = PoseSamples(poses, np.full(30, 1 / 30))
+    assert systematic(samples, 30).tolist() == poses.tolist()
+
+
+def cloud(count, rng, spread=(0.2, 0.1, 0.05)):
+    """A cloud of uneven weights around a place, as particles of amcl are."""
+    poses = np.array([3.0, -2.0, 0.5]) + rng.standard_normal((count, 3)) * spread
+    return PoseSamples.checked(poses, rng.random(count))
+
+
+def test_a_small_cloud_is_left_as_it_is():
+    small = cloud(50, np.random.default_rng(1))
+    assert at_most(small, 50, 0.5) is small
+
+
+def test_a_large_cloud_is_represented():
+    large = cloud(2000, np.random.default_rng(1))
+    few = at_most(large, 200, 0.5)
+    assert few.weights.size <= 200
+    assert few.weights.sum() == approx(1.0)
+    known = {tuple(pose) for pose in large.poses.tolist()}
+    assert {tuple(pose) for pose in few.poses.tolist()} <= known
+    # Independent draws would be off by 0.2 / sqrt(200) = 0.014 in x; evenly spread ones are not.
+    assert few.mean().x_m == approx(large.mean().x_m, abs=0.003)
+    assert few.mean().y_m == approx(large.mean().y_m, abs=0.02)
+    assert np.diag(few.covariance()) == approx(np.diag(large.covariance()), rel=0.3)
+
+
+def test_no_particle_is_preferred():
+    """On average over the offset a particle weighs what it weighed."""
+    large = cloud(40, np.random.default_rng(2))
+    total = np.zeros(40)
+    offsets = (np.arange(400) + 0.5) / 400
+    for offset in offsets:
+        few = at_most(large, 7, offset)
+        rows = (large.poses[:, None] == few.poses[None]).all(axis=2).argmax(axis=0)
+        np.add.at(total, rows, few.weights)
+    assert total / offsets.size == approx(large.weights, abs=1 / 400)
+
+
+def test_clouds_are_bounded_only_where_that_is_asked_for():
+    belief = PoseBelief(Pose2D(), None, cloud(300, np.random.default_rng(3)))
+    every = samples_of(belief, rng(), count=9, quasi=True)
+    few = samples_of(belief, rng(), count=9, quasi=True, max_particles=20)
+    assert every.weights.size == 300
+    assert few.weights.size <= 20

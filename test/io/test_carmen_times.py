@@ -1,17 +1,15 @@
-"""Stamps that repeat or go backwards, and particles resampled: the plain functions."""
+"""Stamps that repeat or go backwards: the plain functions."""
 
 import itertools
 import math
 from collections import Counter
 
-import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ogm_mcmc.errors import ConfigError
-from ogm_mcmc.geometry import PoseSamples
-from ogm_mcmc.io.carmen_import import ImportOptions, systematic
+from ogm_mcmc.io.carmen_import import ImportOptions
 from ogm_mcmc.io.carmen_times import in_order_of_the_file, strictly_increasing
 
 SECOND = 1_000_000_000
@@ -167,36 +165,6 @@ def test_increasing_even_where_there_is_no_room(records):
         own = [stamp for index, stamp in zip(order, stamps, strict=True) if kinds[index] == kind]
         assert all(before < after for before, after in itertools.pairwise(own))
     assert stamps == sorted(stamps)
-
-
-@given(
-    weights=st.lists(st.floats(0.0, 1.0), min_size=1, max_size=20).filter(lambda w: sum(w) > 1e-3),
-    count=st.integers(1, 60),
-    offset=st.floats(0.0, 0.999),
-)
-@settings(derandomize=True, deadline=None)
-def test_systematic_resampling_counts(weights, count, offset):
-    share = np.array(weights) / sum(weights)
-    poses = np.arange(3.0 * share.size).reshape(-1, 3)
-    chosen = systematic(PoseSamples(poses, share), count, offset)
-    assert chosen.shape == (count, 3)
-    for pose, weight in zip(poses, share, strict=True):
-        times = int((chosen == pose).all(axis=1).sum())
-        assert math.floor(count * weight - 1e-9) <= times <= math.ceil(count * weight + 1e-9)
-
-
-def test_systematic_resampling_by_hand():
-    poses = np.array([[0.0, 0, 0], [1, 1, 1], [2, 2, 2]])
-    samples = PoseSamples(poses, np.array([0.5, 0.2, 0.3]))
-    # Positions 1/8, 3/8, 5/8, 7/8 against the edges 0.5, 0.7, 1.
-    assert systematic(samples, 4)[:, 0].tolist() == [0, 0, 1, 2]
-    assert systematic(samples, 2, offset=0.0)[:, 0].tolist() == [0, 1]
-
-
-def test_equal_weights_come_back_one_each():
-    poses = np.arange(90.0).reshape(30, 3)
-    samples = PoseSamples(poses, np.full(30, 1 / 30))
-    assert systematic(samples, 30).tolist() == poses.tolist()
 
 
 @pytest.mark.parametrize(

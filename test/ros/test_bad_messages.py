@@ -10,7 +10,7 @@ pytest.importorskip('rclpy', reason='rclpy is not installed: no ROS tests')
 from geometry_msgs.msg import Pose, PoseArray, PoseWithCovarianceStamped
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import LaserScan
-from support.local_ros import local_node
+from support.local_ros import Logs, local_node
 
 from ogm_mcmc.ros.online_mapper import OnlineMapper
 
@@ -237,3 +237,22 @@ def test_particles_count_as_their_mean(bench):
     bench.send('scan', scan_at(1.0))
     bench.wait_for('scans used', 1)
     bench.expect_occupied([(-0.95, 0.05)])
+
+
+@pytest.mark.parametrize(
+    'bench',
+    [{'method': 'pose_uncertain', 'pose_source': 'particles', 'pose_uncertain.max_particles': 10}],
+    indirect=True,
+)
+def test_large_clouds_are_bounded_and_that_is_said_once(bench):
+    logs = Logs(bench.node)
+    for time_s in (1.0, 2.0):
+        cloud = PoseArray()
+        cloud.header.frame_id, cloud.header.stamp.sec = 'map', int(time_s)
+        for k in range(50):
+            cloud.poses.append(Pose())
+            fill(cloud.poses[-1], 0.01 * k, 0.05, 0.0)
+        bench.send('particles', cloud)
+        bench.send('scan', scan_at(time_s))
+    bench.wait_for('scans used', 2)
+    assert len([line for line in logs.of('warning') if 'more than 10 particles' in line]) == 1
