@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.random import Generator
 
-from ogm_mcmc.arrays import AnyArray, Float32Array, UInt8Array
+from ogm_mcmc.arrays import AnyArray, BoolArray, Float32Array, UInt8Array
 from ogm_mcmc.errors import GridError, require
 from ogm_mcmc.sampling.gibbs_kernels import find_first_hits, sweep_cells
 from ogm_mcmc.sampling.informed import telling_cells
@@ -92,10 +92,17 @@ class CellModel:
         find_first_hits(mine, self.index, records)
         return GibbsState(mine, records)
 
-    def advance(self, rng: Generator, state: GibbsState, *, settling: bool = False) -> int:
+    def advance(
+        self,
+        rng: Generator,
+        state: GibbsState,
+        *,
+        settling: bool = False,
+        focus: object = None,
+    ) -> int:
         """Draw every touched cell once, in place; return the number of flips.
 
-        `settling` makes no difference to single cells, see `PosteriorModel`.
+        `settling` and `focus` make no difference to single cells, see `PosteriorModel`.
         """
         order = self.touched
         if self.order == 'random':
@@ -103,6 +110,9 @@ class CellModel:
         elif self.order == 'checkerboard':
             order = self._checkered
         return int(sweep_cells(rng, order, *state, self.index, self.ceiling, self.prior_log_odds))
+
+    def focus(self, in_doubt: BoolArray) -> None:
+        """Return nothing: a settled cell costs next to nothing."""
 
     def log_likelihood(self, state: GibbsState) -> float:
         """Log p(z | m, x), nats."""

@@ -64,6 +64,11 @@ class BatchCounts:
         self.counts[half:] = 0
         self.full = half
 
+    @property
+    def merged(self) -> AnyArray | None:
+        """Counts (8, C) of batches, as they were when two last became one; None before that."""
+        return None if self.batch_length == 1 else self.counts[: MAX_BATCHES // 2]
+
     def total(self) -> AnyArray:
         """Counts (C,) over all sweeps, int64."""
         total: AnyArray = self.counts.sum(axis=0, dtype=np.int64)

@@ -182,8 +182,8 @@ def sweep_patches(
     escape        share of draws that also consider one pattern that is not listed
     random_share  share of draws that take any pattern without looking ([patch] p_randPatch); above
                   0, patterns that are not listed count as impossible, as published
-    flip_cells    whether one cell of each patch, chosen at random, is drawn afterwards given the
-                  others, whatever the table lists
+    flip_cells    so many cells of each patch, from a random one on, are drawn afterwards one by
+                  one given the others, whatever the table lists
     """
     patterns = np.int64(1) << (side * side)
     mask = entry_of_border.size - 1
@@ -244,35 +244,37 @@ def sweep_patches(
                     begin, end, cell, cells, records, bits, pairs, positions, ray_start, steps,
                     across, up, likelihood, nothing,
                 )  # fmt: skip
-        if not flip_cells:
-            continue
-        place = np.int64(rng.random() * inner.size)
-        one = np.int64(1) << place
-        cell, u = corner + inner[place], rng.random()
-        threshold = math.log(u / (1.0 - u)) if u > 0.0 else -math.inf
-        prior = 0.0
-        for option in range(2):
-            pattern = (chosen | one) if option else (chosen & ~one)
-            row = place_in(candidates, first, last, pattern)
-            value = floor[entry] if row < 0 else log_probability[row]
-            prior += value if option else -value
-        enough = threshold - gain[cell] - SLACK
-        if prior < enough and not cells[cell]:
-            continue  # no ray can change that
-        begin, end = cell_start[cell], cell_start[cell + 1]
-        log_odds = log_odds_unless_below(
-            enough, prior, begin, end, cell, cells, records, bits, pairs, pair_bits, positions,
-            ray_start, steps, across, up, likelihood, nothing,
-        )  # fmt: skip
-        if log_odds > threshold and not cells[cell]:
-            cells[cell] = 1
-            shorten_rays(begin, end, records, bits, pairs, pair_bits, positions)
-            flips += 1
-        elif cells[cell] and not log_odds > threshold:
-            cells[cell] = 0
-            lengthen_rays(
-                begin, end, cell, cells, records, bits, pairs, positions, ray_start, steps,
-                across, up, likelihood, nothing,
+        place = np.int64(rng.random() * inner.size) if flip_cells else np.int64(0)
+        for _ in range(flip_cells):
+            place = (place + 1) % inner.size
+            one = np.int64(1) << place
+            cell, u = corner + inner[place], rng.random()
+            threshold = math.log(u / (1.0 - u)) if u > 0.0 else -math.inf
+            prior = 0.0
+            for option in range(2):
+                pattern = (chosen | one) if option else (chosen & ~one)
+                row = place_in(candidates, first, last, pattern)
+                value = floor[entry] if row < 0 else log_probability[row]
+                prior += value if option else -value
+            enough = threshold - gain[cell] - SLACK
+            if prior < enough and not cells[cell]:
+                continue  # no ray can change that
+            begin, end = cell_start[cell], cell_start[cell + 1]
+            log_odds = log_odds_unless_below(
+                enough, prior, begin, end, cell, cells, records, bits, pairs, pair_bits, positions,
+                ray_start, steps, across, up, likelihood, nothing,
             )  # fmt: skip
-            flips += 1
+            if log_odds > threshold and not cells[cell]:
+                cells[cell] = 1
+                chosen |= one
+                shorten_rays(begin, end, records, bits, pairs, pair_bits, positions)
+                flips += 1
+            elif cells[cell] and not log_odds > threshold:
+                cells[cell] = 0
+                chosen &= ~one
+                lengthen_rays(
+                    begin, end, cell, cells, records, bits, pairs, positions, ray_start, steps,
+                    across, up, likelihood, nothing,
+                )  # fmt: skip
+                flips += 1
     return flips

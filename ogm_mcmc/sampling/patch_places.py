@@ -15,6 +15,10 @@ Far in front of all readings (`gain` 0) a patch is free but for one draw in thou
 such cells alone are drawn in one of eight sweeps, chosen at random: fixed probabilities of being
 drawn leave the posterior as it is.
 
+Most patches at surfaces are settled: no draw changes them any more, and yet every draw looks at
+all their rays. `focused` keeps those in every sweep that hold a cell in doubt, and puts the others
+among the dull ones (see `PosteriorSampler` for who says so and when).
+
 Consequence. Intel, 5 cm: 295 000 of 587 000 cells are sampled, 23 000 instead of 65 000 patches a
 sweep. With free surroundings instead, held-out beams are 0.011 nats less likely (odd beams of
 910 scans), and of a sparsely seen hospital the area under the ROC curve is 0.88 instead of 0.95
@@ -26,12 +30,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.random import Generator
 
 from ogm_mcmc.arrays import AnyArray, BoolArray
 from ogm_mcmc.sampling.informed import arrival, near
 from ogm_mcmc.sampling.ray_index import RayIndex
 
-__all__ = ['DULL_TURNS', 'PatchPlaces', 'patch_places']
+__all__ = ['DULL_TURNS', 'PatchPlaces', 'focused', 'patch_places', 'turn']
 
 DULL_TURNS = 8
 
@@ -87,6 +92,31 @@ def patch_places(
         tilings(inside & ~dull),
         tilings(inside & dull),
     )
+
+
+def focused(places: PatchPlaces, in_doubt: BoolArray, side: int) -> PatchPlaces:
+    """Return places of which all patches without a cell that is `in_doubt` are dull.
+
+    in_doubt  (height, width), of all cells of the window
+    """
+    some = np.zeros(in_doubt.size, np.bool_)
+    corners = np.arange(in_doubt.size).reshape(in_doubt.shape)[1:-side, 1:-side]
+    some[corners] = ~_whole(~in_doubt, side)
+    active = [tiles[some[tiles]] for tiles in places.active]
+    dull = [
+        np.concatenate((tiles[~some[tiles]], before))
+        for tiles, before in zip(places.active, places.dull, strict=True)
+    ]
+    return places._replace(active=active, dull=dull)
+
+
+def turn(rng: Generator, places: PatchPlaces) -> AnyArray:
+    """Return the patches (P,) int32 of one sweep, in turn: whatever the map is, these chances."""
+    offset = rng.integers(0, len(places.active))
+    active, dull = places.active[offset], places.dull[offset]
+    if dull.size == 0:
+        return active
+    return np.concatenate((active, dull[rng.integers(0, DULL_TURNS) :: DULL_TURNS]))
 
 
 def _whole(cells: BoolArray, side: int) -> BoolArray:

@@ -51,11 +51,23 @@ class PosteriorModel(Protocol):
         """Return the state of a map (K,)."""
         ...
 
-    def advance(self, rng: Generator, state: GibbsState, *, settling: bool = False) -> int:
+    def advance(
+        self,
+        rng: Generator,
+        state: GibbsState,
+        *,
+        settling: bool = False,
+        focus: Any = None,
+    ) -> int:
         """Do one sweep in place; return the number of flips.
 
         `settling` says that it does not count: whatever leaves a bad start soonest will do.
+        `focus` is what `focus` returned, None to draw everything alike.
         """
+        ...
+
+    def focus(self, in_doubt: BoolArray) -> Any:
+        """Return what makes sweeps come by settled cells seldom; `in_doubt` (K,) are not."""
         ...
 
     def log_likelihood(self, state: GibbsState) -> float:
@@ -75,6 +87,11 @@ class PosteriorSampler:
 
     Each chain has a child of the seed as its generator, so the result is the same however threads
     are scheduled and whatever number of sweeps is asked for at a time.
+
+    Sweeps look most where there is doubt: in cells that a chain's own maps disagree about and at
+    which a ray arrives. Which these are is decided anew after 16 counted sweeps, 32, 64, ..., and
+    follows from the counts up to then; in between every patch has a fixed chance to be drawn,
+    which leaves the posterior as it is.
     """
 
     round_s = 0.1
@@ -94,6 +111,7 @@ class PosteriorSampler:
         self.rngs = np.random.default_rng(seed).spawn(len(starts))
         self.states = [model.start(cells) for cells in starts]
         self.counts = [BatchCounts(model.touched.size) for _ in starts]
+        self._focus: dict[int, tuple[int, Any]] = {}  # by chain, and when it was decided
 
     def advance(self, n_sweeps: int) -> int:
         """Do so many sweeps in every chain; return the number of flips in all."""
@@ -108,11 +126,26 @@ class PosteriorSampler:
         state, counts = self.states[chain], self.counts[chain]
         for i in range(n_sweeps):
             settling = self.sweeps + i < self.burn_in
-            flips += self.model.advance(self.rngs[chain], state, settling=settling)
+            focus = None if settling else self._focus_of(chain)
+            flips += self.model.advance(self.rngs[chain], state, settling=settling, focus=focus)
             if not settling:
                 add_occupied(state.cells, self.model.touched, counts.row)
                 counts.sweep_added()
         return flips
+
+    def _focus_of(self, chain: int) -> Any:
+        """Return what the chain's sweeps look at most, None while everything is."""
+        counts, model = self.counts[chain], self.model
+        if counts.merged is None:
+            return None
+        decided, focus = self._focus.get(chain, (0, None))
+        if decided != counts.batch_length:
+            mean = counts.merged.mean(axis=0, dtype=np.float32) / np.float32(counts.batch_length)
+            in_doubt = np.zeros(model.n_cells, np.bool_)
+            in_doubt[model.touched] = (mean > 0.0) & (mean < 1.0)
+            focus = model.focus(in_doubt & (self.arrival(mean) >= ARRIVES))
+            self._focus[chain] = counts.batch_length, focus
+        return focus
 
     @property
     def counted(self) -> int:

@@ -187,16 +187,19 @@ def test_kernel_draws_as_its_twin(name, escape, present, buildings):
     assert abs(disagreement(seen, draw.transition(escape)[present])) < 4.0
 
 
-def cell_by_chance(conditional):
-    """Transition (512, 512): one of nine cells, drawn given the other eight."""
+def cells_in_turn(conditional):
+    """Transition (512, 512): nine cells one by one given the others, from a random one on."""
     patterns = np.arange(512)
-    total = np.zeros((512, 512))
+    draws = []
     for i in range(9):
         free, occupied = patterns & ~(1 << i), patterns | (1 << i)
         both = conditional[free] + conditional[occupied]
-        total[patterns, free] += conditional[free] / both / 9.0
-        total[patterns, occupied] += conditional[occupied] / both / 9.0
-    return total
+        one = np.zeros((512, 512))
+        one[patterns, free] = conditional[free] / both
+        one[patterns, occupied] = conditional[occupied] / both
+        draws.append(one)
+    turns = [np.linalg.multi_dot([*draws[i:], *draws[:i]]) for i in range(9)]
+    return sum(turns) / 9.0
 
 
 @pytest.mark.jit
@@ -205,7 +208,7 @@ def cell_by_chance(conditional):
     ('name', 'escape'), [('uniform', 0.3), ('handmade', 0.3), ('border', 0.02)]
 )
 def test_flips_of_cells_leave_the_conditional_as_it_is(name, escape, present, buildings):
-    """A draw of the patch, then of one of its cells: the kernel does what its twin does."""
+    """A draw of the patch, then of each of its cells: the kernel does what its twin does."""
     index = window_of(two_scans()).index
     table, place = table_of(name, buildings), PLACES[1]
     cells = np.array(
@@ -214,7 +217,7 @@ def test_flips_of_cells_leave_the_conditional_as_it_is(name, escape, present, bu
     )
     draw = naive.PatchDraw(naive.rays_of(index), cells.tolist(), WIDTH, place, table)
     conditional = draw.conditional()
-    flip = cell_by_chance(conditional)
+    flip = cells_in_turn(conditional)
     assert_allclose(conditional @ flip, conditional, rtol=1e-9)
     expected = (draw.transition(escape) @ flip)[present]
     sampler = PatchModel(index, WIDTH, table, flip_cells=True)
@@ -242,8 +245,8 @@ def test_published_variant_draws_as_its_twin():
 def test_records_equal_a_rescan(name, order, random_share, flip_cells, buildings):
     width, height = 13, 11
     scans = [
-        PlacedScan.at(scan, Pose2D(p.x_m + 4.0, p.y_m + 3.0, p.yaw_rad))
-        for scan, (p, _, _) in two_scans()
+        PlacedScan.at(scan, Pose2D(at.mean.x_m + 4.0, at.mean.y_m + 3.0, at.mean.yaw_rad))
+        for scan, at in two_scans()
     ]
     index = window_of(scans, width, height).index
     rays = naive.rays_of(index)

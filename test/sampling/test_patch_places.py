@@ -10,9 +10,10 @@ from ogm_mcmc.config import ForwardModelConfig, WindowConfig
 from ogm_mcmc.geometry import CellBox, PlacedScan, Pose2D
 from ogm_mcmc.sampling import RayWindow
 from ogm_mcmc.sampling.informed import arrival, near, telling_cells
-from ogm_mcmc.sampling.patch_places import DULL_TURNS, patch_places
+from ogm_mcmc.sampling.patch_places import DULL_TURNS, focused, patch_places, turn
 
 WIDTH, HEIGHT = 40, 30
+INNER = [row * WIDTH + column for row in range(3) for column in range(3)]
 
 
 @pytest.fixture(scope='module')
@@ -71,3 +72,27 @@ def test_patches_far_in_front_of_all_readings_are_dull(index):
         assert (index.gain[cells] == 0.0).all()
         assert crossed[cells].all()
     assert math.log2(DULL_TURNS) == 3
+
+
+def test_patches_in_doubt_are_in_every_sweep_and_all_others_in_one_of_eight(index):
+    places = patch_places(index, telling_cells(index), WIDTH, 3, 4)
+    in_doubt = np.zeros((HEIGHT, WIDTH), bool)
+    in_doubt[12, 25] = True
+    found = focused(places, in_doubt, 3)
+    for before, after in zip(places.active, found.active, strict=True):
+        assert (after == before[np.isin(12 * WIDTH + 25 - before, INNER)]).all()
+        assert after.size == 1
+    assert (found.touched == places.touched).all()
+    together = np.sort(np.concatenate([*found.active, *found.dull]))
+    assert np.array_equal(together, places.corners)
+    rng = np.random.default_rng(3)
+    drawn = np.zeros(WIDTH * HEIGHT)
+    for _ in range(9000):
+        np.add.at(drawn, turn(rng, found), 1)
+    doubted = np.concatenate(found.active)
+    # Each of nine tilings comes 1000 times, patches without doubt in it one of eight times.
+    assert np.abs(drawn[doubted] - 1000).max() < 150
+    dull = np.concatenate(found.dull)
+    assert drawn[dull].mean() == pytest.approx(125, abs=2)
+    assert drawn[dull].max() < 190
+    assert drawn[dull].min() > 70

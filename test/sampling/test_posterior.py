@@ -14,7 +14,7 @@ from ogm_mcmc.io.prior_files import default_prior_file, load_prior
 from ogm_mcmc.sampling import CellModel, PosteriorSampler, RayWindow, over_dispersed_starts
 from ogm_mcmc.sampling.patch_gibbs import PatchModel
 from ogm_mcmc.sampling.patch_prior import make_table
-from ogm_mcmc.sampling.posterior import forgotten
+from ogm_mcmc.sampling.posterior import ARRIVES, forgotten
 
 approx = pytest.approx
 
@@ -240,6 +240,37 @@ def test_saved_chains_go_on_as_if_nothing_had_happened(tmp_path, sweeps):
     assert_same(taken_up, first)
     taken_up.advance(50)
     assert_same(taken_up, whole)
+
+
+def patch_model():
+    cell_model = small_model()
+    table = make_table('uniform', 9, p_occupied=0.3)
+    width = int(np.abs(cell_model.index.up).max())
+    return PatchModel(cell_model.index, width, table, margin=1, flip_cells=True)
+
+
+def test_what_sweeps_look_at_most_follows_from_the_counts(tmp_path):
+    """The same after saving, at any sweep, and nothing new between two doublings."""
+    whole, first = sampler_of(patch_model(), burn_in=2), sampler_of(patch_model(), burn_in=2)
+    whole.advance(100)
+    first.advance(41)
+    first.save(tmp_path / 'state.npz', {})
+    taken_up, _ = PosteriorSampler.load(tmp_path / 'state.npz', patch_model())
+    taken_up.advance(59)
+    assert_same(taken_up, whole)
+    assert [decided for decided, _ in whole._focus.values()] == [8, 8]
+    for chain, (_, focus) in whole._focus.items():
+        counts = whole.counts[chain].counts[:8].sum(axis=0)
+        mean = (counts / 64.0).astype(np.float32)
+        doubted = whole.model.touched[(counts > 0) & (counts < 64)]
+        arrives = np.flatnonzero(whole.arrival(mean) >= ARRIVES)
+        expected = np.intersect1d(doubted, arrives)
+        some = [
+            np.isin(corner + whole.model._inner, expected).any()
+            for corner in whole.model._places.corners
+        ]
+        active = np.concatenate(focus.active)
+        assert np.array_equal(np.sort(active), whole.model._places.corners[some])
 
 
 @pytest.fixture
