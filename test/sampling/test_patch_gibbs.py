@@ -392,8 +392,8 @@ def test_kernel_has_the_bias_of_the_published_algorithm():
 def test_other_sizes_run_and_keep_their_records(prior, size, buildings):
     width, height = 16, 14
     scans = [
-        PlacedScan.at(scan, Pose2D(p.x_m + 5.0, p.y_m + 4.0, p.yaw_rad))
-        for scan, (p, _, _) in two_scans()
+        PlacedScan.at(scan, Pose2D(at.mean.x_m + 5.0, at.mean.y_m + 4.0, at.mean.yaw_rad))
+        for scan, at in two_scans()
     ]
     index = window_of(scans, width, height).index
     sampler = PatchModel(index, width, make_table(prior, size, buildings), escape=0.2)
