@@ -22,6 +22,9 @@ DEEPEST = 1000
 # How rosbag2 writes durability: its number, or its name since version 9 of the metadata.
 TRANSIENT_LOCAL = (1, 'transient_local')
 
+# Reliability likewise.
+BEST_EFFORT = (2, 'best_effort')
+
 # Renamed, with the same fields.
 RENAMED = {'tf/msg/tfMessage': 'tf2_msgs/msg/TFMessage'}
 
@@ -34,10 +37,14 @@ class Definition(NamedTuple):
 
 
 class Offer(NamedTuple):
-    """What the recorded publishers of a topic offered: latched or not, messages kept."""
+    """What the recorded publishers of a topic offered.
+
+    Latched or not, messages kept, and whether all of them were best effort.
+    """
 
     latched: bool = False
     depth: int = 0
+    best_effort: bool = False
 
 
 class StoredTopic(NamedTuple):
@@ -92,7 +99,8 @@ def _offer(profiles: Any) -> Offer:
         latched = any(offer['durability'] in TRANSIENT_LOCAL for offer in offers or ())
         # Each publisher kept so many of its own messages; here one stands for all of them.
         depth = sum(max(1, int(offer['depth'])) for offer in offers or ())
-        return Offer(latched, min(depth, DEEPEST))
+        kinds = [offer.get('reliability') in BEST_EFFORT for offer in offers or ()]
+        return Offer(latched, min(depth, DEEPEST), bool(kinds) and all(kinds))
     return Offer()
 
 

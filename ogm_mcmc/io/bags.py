@@ -166,7 +166,11 @@ class BagReader:
         """Return what the recorded publishers of a topic offered, all of them together."""
         offers = [topic.offer for topic in self._stored(name)]
         depth = sum(offer.depth for offer in offers)
-        return Offer(any(offer.latched for offer in offers), min(depth, DEEPEST))
+        return Offer(
+            any(offer.latched for offer in offers),
+            min(depth, DEEPEST),
+            bool(offers) and all(offer.best_effort for offer in offers),
+        )
 
     def _type(self, topic: StoredTopic) -> MessageType:
         return message_type(topic.msgtype, topic.definition, topic.serialization)

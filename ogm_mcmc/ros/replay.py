@@ -74,7 +74,7 @@ class ReplayCounts:
 class Replay(Node):
     """Publishes the stored bytes as they are; those of ROS 1 or older types are converted.
 
-    Topics are latched as they were recorded. All are reliable, which serves every subscriber.
+    Topics are latched and reliable as they were recorded; reliable where a recording says nothing.
     rate 1 keeps the times of the recording, 0 goes as fast as the subscribers keep up: see
     `ogm_mcmc.ros.pacing`.
     """
@@ -307,11 +307,12 @@ def _profile(name: str, offer: Offer) -> QoSProfile:
     # Old recordings do not say what was latched; of these two everybody knows.
     latched = offer.latched or name.endswith(('/tf_static', '/map'))
     depth = offer.depth if offer.latched else DEFAULT_DEPTH
+    best_effort = offer.best_effort and not latched
     if name.endswith('/tf_static'):
         depth = max(depth, DEFAULT_DEPTH)  # one publisher for the transforms of many
     return QoSProfile(
         depth=depth,
-        reliability=ReliabilityPolicy.RELIABLE,
+        reliability=(ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE),
         durability=(DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE),
     )
 

@@ -146,6 +146,11 @@ def test_what_was_offered(write_mcap):
     offers = {
         '/latched': profile % ('transient_local', 1) + profile % ('1', 2),
         '/volatile': profile % ('volatile', 5),
+        '/sensor': '- {durability: volatile, depth: 5, reliability: 2}\n',
+        '/mixed': ''.join(
+            f'- {{durability: volatile, depth: 1, reliability: {kind}}}\n'
+            for kind in ('best_effort', 'reliable')
+        ),
         '/rubbish': '[7, {]',
         '/number': '7',
         '/none': '',
@@ -156,4 +161,10 @@ def test_what_was_offered(write_mcap):
     ]
     with BagReader(write_mcap(*channels)) as bag:
         found = [tuple(bag.offer(name)) for name in offers]
-    assert found == [(True, 3), (False, 5), (False, 0), (False, 0), (False, 0)]
+    assert found == [
+        (True, 3, False),
+        (False, 5, False),
+        (False, 5, True),
+        (False, 2, False),
+        *[(False, 0, False)] * 3,
+    ]

@@ -9,7 +9,7 @@ import pytest
 
 pytest.importorskip('rclpy', reason='rclpy is not installed: no ROS tests')
 
-from rclpy.qos import DurabilityPolicy
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from rosbags.interfaces import (
     Qos,
     QosDurability,
@@ -191,15 +191,18 @@ def test_a_stray_stamp_is_not_waited_for_and_one_wrong_message_is_left_out(tmp_p
     assert player.output.count('not waiting for that') == 2
 
 
-@pytest.mark.parametrize(('latched', 'depth'), [(True, 3), (False, 100)])
-def test_latched_topics_stay_latched(tmp_path, latched, depth):
+@pytest.mark.parametrize(
+    ('latched', 'best_effort', 'depth'),
+    [(True, False, 3), (False, False, 100), (False, True, 100)],
+)
+def test_topics_are_offered_as_they_were(tmp_path, latched, best_effort, depth):
     store = typestore()
     durability = QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE
     never = QosTime(0, 0)
     offer = Qos(
         QosHistory.KEEP_LAST,
         3,
-        QosReliability.RELIABLE,
+        QosReliability.BEST_EFFORT if best_effort else QosReliability.RELIABLE,
         durability,
         never,
         never,
@@ -216,6 +219,7 @@ def test_latched_topics_stay_latched(tmp_path, latched, depth):
     with BagReader(tmp_path / 'bag') as reader:
         profile = _profile('/text', reader.offer('/text'))
     assert (profile.durability == DurabilityPolicy.TRANSIENT_LOCAL) == latched
+    assert (profile.reliability == ReliabilityPolicy.BEST_EFFORT) == best_effort
     assert profile.depth == depth
 
 
