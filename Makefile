@@ -26,11 +26,15 @@ $(READY): setup.py
 demo: $(READY)
 	$(PY) -m ogm_mcmc demo $(INPUT) -o out/demo
 
+# A worker for each core; nodes share neither cores nor the network with other tests.
+WORKERS := -n auto --maxprocesses 4 --dist loadfile
+
 test: $(READY) lint types imports
-	$(PY) -m pytest -m 'not full'
+	$(PY) -m pytest $(WORKERS) -m 'not full and not ros'
+	$(PY) -m pytest -m 'ros and not full'
 
 test-fast: $(READY)
-	$(PY) -m pytest -m 'not full and not slow and not ros'
+	$(PY) -m pytest $(WORKERS) -m 'not full and not slow and not ros'
 
 test-ros: $(READY)
 	$(PY) -m pytest -m 'ros and not full'

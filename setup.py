@@ -48,6 +48,7 @@ setup(
         'cluster': ['distributed>=2024.1'],
         'test': [
             'pytest>=7.4',
+            'pytest-xdist>=3.5',
             'hypothesis>=6.90',
             'matplotlib>=3.7',
             'scipy>=1.11',

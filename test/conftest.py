@@ -65,11 +65,16 @@ def forget_stale_kernels() -> None:
 
 
 def pytest_configure(config) -> None:
-    forget_stale_kernels()
+    worker = os.environ.get('PYTEST_XDIST_WORKER')
+    if worker is None:
+        forget_stale_kernels()
     # Processes that tests start find their support, too.
     paths = [str(ROOT / 'test'), os.environ.get('PYTHONPATH', '')]
     os.environ['PYTHONPATH'] = os.pathsep.join(filter(None, paths))
-    # Before rclpy is first imported: a domain of our own, on this machine only.
+    # Before rclpy is first imported: a domain for each worker, on this machine only.
+    if worker is not None:
+        number = int(worker.removeprefix('gw'))
+        os.environ['ROS_DOMAIN_ID'] = str((int(os.environ['ROS_DOMAIN_ID']) + number) % 100)
     os.environ.setdefault('ROS_DOMAIN_ID', str(20 + os.getpid() % 80))
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     os.environ.setdefault('ROS_LOG_DIR', str(Path(os.environ.get('TMPDIR', '/tmp')) / 'ogm_ros'))
