@@ -12,7 +12,7 @@ INPUT ?=
 
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
-.PHONY: setup demo test test-fast test-ros test-full lint types imports bench clean-cache clean
+.PHONY: setup demo test test-fast test-ros test-full fuzz lint types imports bench clean-cache clean
 
 setup: $(READY)
 
@@ -41,11 +41,19 @@ test-ros: $(READY)
 
 # Everything, and once more with bounds checks in the kernels and with plain Python in their place
 # (not of commands and experiments, which would take hours).
-test-full: $(READY) lint types imports
+test-full: $(READY) lint types imports fuzz
 	$(PY) -m pytest
 	NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(VENV)/boundscheck $(PY) -m pytest -m 'not full and not slow and not ros' test
 	NUMBA_DISABLE_JIT=1 $(PY) -m pytest -m 'not full and not slow and not ros and not jit' \
 		--ignore test/cli --ignore test/experiments --ignore test/benchmarks test
+
+# COUNT messages and files with changes at random, through every method and every loader.
+COUNT ?= 20000
+SEED ?= 1
+
+fuzz: $(READY)
+	OGM_MCMC_FUZZ_COUNT=$(COUNT) OGM_MCMC_FUZZ_SEED=$(SEED) $(PY) -m pytest $(WORKERS) \
+		test/engine/test_mutated_messages.py test/io/test_damaged_files.py
 
 lint: $(READY)
 	$(VENV)/bin/ruff check .

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from support.fuzz import ROUNDS, SEED
 from support.strategies import fan
 
 from ogm_mcmc.config import (
@@ -31,8 +32,6 @@ from ogm_mcmc.mapping.adaptive import AdaptiveMapper
 from ogm_mcmc.sampling import CellModel, PosteriorSampler, RayWindow
 from ogm_mcmc.sampling.patch_learning import count_map
 
-ROUNDS = 200
-SEED = 20240229
 MAP_YAML = (
     b'image: map.pgm\nmode: scale\nresolution: 0.05\norigin: [-1.0, 2.5, 0.0]\n'
     b'negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n'
