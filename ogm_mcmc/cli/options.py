@@ -82,7 +82,9 @@ def add_scheduler(parser: argparse.ArgumentParser, remark: str = '') -> None:
         default='',
         metavar='ADDRESS',
         help='work on a Dask cluster (tcp://host:8786) instead of local processes; needs the '
-        f'extra "cluster"{remark}',
+        f'extra "cluster"{remark}. Name a scheduler you trust: whoever runs it, or can reach '
+        'it, can run code here; with TLS (tls://host:8786 and certificates in the settings of '
+        'Dask) only who holds a certificate can',
     )
 
 
