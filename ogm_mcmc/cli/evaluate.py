@@ -49,8 +49,13 @@ from ogm_mcmc.config import (
     settings_of,
 )
 from ogm_mcmc.config.nodes import REFINE_CONFIGS
-from ogm_mcmc.errors import ConfigError, OutputError
-from ogm_mcmc.files.output_files import checked_name, replacing, writable_folder
+from ogm_mcmc.errors import ConfigError
+from ogm_mcmc.files.output_files import (
+    checked_name,
+    refuse_folder,
+    replacing,
+    writable_folder,
+)
 from ogm_mcmc.geometry import GridMap
 from ogm_mcmc.io.map_files import load_grid
 from ogm_mcmc.plotting import require_matplotlib
@@ -181,8 +186,7 @@ def _paths(options: argparse.Namespace) -> dict[str, Path]:
     writable_folder(options.folder)
     paths = {kind: options.folder / f'{options.name}.{kind}' for kind in ('html', 'json')}
     for path in paths.values():
-        if path.is_dir():
-            raise OutputError(f'{path}: is a folder; expected a name for a file')
+        refuse_folder(path)
     return paths
 
 

@@ -10,8 +10,8 @@ from typing import Any
 
 from ogm_mcmc import __version__
 from ogm_mcmc.cli.options import Subparsers, add_json, add_scheduler, print_result
-from ogm_mcmc.errors import ConfigError, OutputError, require
-from ogm_mcmc.files.output_files import folder_to_fill, replacing
+from ogm_mcmc.errors import ConfigError, require
+from ogm_mcmc.files.output_files import folder_to_fill, refuse_folder, replacing
 from ogm_mcmc.lab.cluster import connected
 from ogm_mcmc.lab.experiments import EXPERIMENTS, SPREAD, make_page
 from ogm_mcmc.lab.experiments.datasets import using_executor
@@ -54,8 +54,7 @@ def _run_into(folder: Path, options: argparse.Namespace) -> int:
         kind: folder / name for kind, name in (('json', 'result.json'), ('html', 'index.html'))
     }
     for path in paths.values():
-        if path.is_dir():
-            raise OutputError(f'{path}: is a folder; expected a name for a file')
+        refuse_folder(path)
     started = time.perf_counter()
     with connected(options.scheduler) as executor, using_executor(executor):
         found = EXPERIMENTS[options.name](folder, quick=options.quick, seed=options.seed)

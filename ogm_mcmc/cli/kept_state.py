@@ -9,7 +9,7 @@ from pathlib import Path
 
 from ogm_mcmc.engine.refinement import Refinement
 from ogm_mcmc.errors import OutputError
-from ogm_mcmc.files.output_files import makeable_folder, writable_folder
+from ogm_mcmc.files.output_files import makeable_folder, refuse_folder, writable_folder
 
 __all__ = ['KeptState']
 
@@ -36,8 +36,7 @@ class KeptState:
     @staticmethod
     def checked(path: Path) -> None:
         """Raise OutputError where no such file could be written."""
-        if path.is_dir():
-            raise OutputError(f'{path}: is a folder; expected a name for a file')
+        refuse_folder(path)
         makeable_folder(path.parent)
 
     def resume(self) -> int:

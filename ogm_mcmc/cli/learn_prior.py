@@ -20,7 +20,7 @@ from ogm_mcmc.config import (
     given,
 )
 from ogm_mcmc.errors import OutputError, PriorError, require
-from ogm_mcmc.files.output_files import makeable_folder, writable_folder
+from ogm_mcmc.files.output_files import makeable_folder, refuse_folder, writable_folder
 from ogm_mcmc.io.prior_files import Prior, save_prior
 from ogm_mcmc.io.training_maps import MapSource, TrainingMap, read_sources, read_training_map
 from ogm_mcmc.sampling.patch_learning import PatchCounts, count_map, rescaled, total_of
@@ -79,8 +79,7 @@ def run(options: argparse.Namespace) -> int:
         options.image_resolution,
         'expected metres per pixel, 0.001 to 100',
     )
-    if options.output.is_dir():
-        raise OutputError(f'{options.output}: is a folder; expected a name for a file')
+    refuse_folder(options.output)
     if any(options.output.resolve() == image.resolve() for image in _files_read(options)):
         raise OutputError(f'{options.output}: is a file to read; expected a new name')
     makeable_folder(options.output.parent)

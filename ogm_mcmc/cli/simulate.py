@@ -27,7 +27,7 @@ from ogm_mcmc.cli.simulated_world import (
 )
 from ogm_mcmc.config import OutputConfig
 from ogm_mcmc.errors import OutputError
-from ogm_mcmc.files.output_files import makeable_folder
+from ogm_mcmc.files.output_files import makeable_folder, refuse_folder
 from ogm_mcmc.files.user_paths import user_path
 from ogm_mcmc.geometry import GridMap, Pose2D
 from ogm_mcmc.io.map_files import save_map
@@ -118,8 +118,7 @@ def _files_beside(options: argparse.Namespace, sensor: Lidar | SonarRing) -> dic
         suffixes['sonars'] = '_sonars.yaml'
     beside = {name: _beside(options.output, suffix) for name, suffix in suffixes.items()}
     for path in beside.values():
-        if path.is_dir():
-            raise OutputError(f'{path}: is a folder; expected a name for a file')
+        refuse_folder(path)
         if path.exists() and path.resolve() == user_path(options.world).resolve():
             raise OutputError(f'{path}: is the world itself; expected a new name')
         if path.exists() and not options.overwrite:

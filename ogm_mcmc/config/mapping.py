@@ -71,35 +71,35 @@ class SonarModelConfig:
 
     opening_angle: float = setting(
         0.5,
-        'full angle of the cone where a reading does not name it, rad',
+        'full angle of the cone, for readings without one of their own, rad',
         low=0.001,
         high=3.1,
         live=True,
     )
     sigma_share: float = setting(
         0.5,
-        'standard deviation across the angle over half of the cone',
+        'standard deviation across the cone as a multiple of half its angle',
         low=0.01,
         high=100.0,
         live=True,
     )
     strength: float = setting(
         0.3,
-        'most a reading of range 0 moves a probability away from 0.5',
+        'largest change of a probability from 0.5 by one reading, at range 0',
         low=0.0,
         high=0.49,
         live=True,
     )
     strength_far: float = setting(
         0.1,
-        'the same for a reading of the greatest range; linear between',
+        'the same at range_max; linear in between',
         low=0.0,
         high=0.49,
         live=True,
     )
     thickness: float = setting(
         0.1,
-        'an echo says something up to this far behind (and before) it, m',
+        'a reading changes cells up to this distance before and behind it, m',
         low=0.001,
         high=10.0,
         live=True,
@@ -126,21 +126,22 @@ class PoseUncertainConfig:
     )
     accuracy: float = setting(
         0.0,
-        'above 0: draw only so many that the mean of the beam ends is known this well, m (95 %)',
+        'above 0: draw only as many poses as the mean beam end needs to be within this of the '
+        'true one (95 %), m',
         low=0.0,
         high=100.0,
         live=True,
     )
     negligible: float = setting(
         0.001,
-        'the lightest particles that together weigh at most this are left out',
+        'particles with the smallest weights are left out, up to this total weight',
         low=0.0,
         high=0.5,
         live=True,
     )
     draw: str = setting(
         'quasi',
-        'quasi: evenly spread draws, of which fewer suffice; random: independent draws',
+        'quasi: evenly spread draws (fewer are enough); random: independent draws',
         choices=('quasi', 'random'),
         live=True,
     )
@@ -153,7 +154,7 @@ class CountingConfig:
 
     show: str = setting(
         'reflection',
-        'reflection: hits / (hits + misses); ml: 1 or 0, whichever is the likelier',
+        'reflection: hits / (hits + misses); ml: the more likely of 0 and 1',
         choices=('reflection', 'ml'),
         live=True,
     )
@@ -177,8 +178,8 @@ class MapperConfig:
     )
     inverse_model: str = setting(
         'step',
-        'what a beam says about the cells around its end '
-        '(two_assumption, pose_uncertain, random_field)',
+        'inverse sensor model: how one beam changes the cells around its end (two_assumption, '
+        'pose_uncertain, random_field)',
         choices=('step', 'gaussian'),
         live=True,
     )
@@ -201,20 +202,24 @@ class MapperConfig:
     )
     max_range: float = setting(
         0.0,
-        "beams are used up to this range, m; longer ones clear up to it; 0: the sensor's own",
+        'beams are used up to this range, m; a longer beam frees the cells up to it; 0: up to '
+        'range_max of the scan',
         low=0.0,
         high=10000.0,
         live=True,
     )
     no_return: str = setting(
         'clear',
-        'clear: +inf clears up to range_max (REP 117); ignore: it says nothing, as is wiser '
-        'where glass and dark walls return nothing either',
+        'meaning of a range of +inf: clear: the beam is free up to range_max (REP 117); ignore:'
+        ' not used, the better choice where glass or dark walls give no return',
         choices=('clear', 'ignore'),
         live=True,
     )
     max_cells: int = setting(
-        100_000_000, 'the map never grows beyond this many cells', low=4096, high=4_000_000_000
+        100_000_000,
+        'a scan that would make the map larger than this many cells is dropped',
+        low=4096,
+        high=4_000_000_000,
     )
     step: StepModelConfig = StepModelConfig()
     gaussian: GaussianModelConfig = GaussianModelConfig()
@@ -273,13 +278,19 @@ class OutputConfig:
 class MountConfig:
     """Where the sensor sits in the base frame; see `mount_source`."""
 
-    x: float = setting(0.0, 'sensor ahead of the base, m', low=-100.0, high=100.0)
-    y: float = setting(0.0, 'sensor to the left of the base, m', low=-100.0, high=100.0)
-    yaw: float = setting(0.0, 'heading of the sensor on the base, rad', low=-6.2832, high=6.2832)
-    upside_down: bool = setting(False, 'the sensor hangs head down: bearings run clockwise')
+    x: float = setting(
+        0.0, 'position of the sensor on the robot, forward, m', low=-100.0, high=100.0
+    )
+    y: float = setting(
+        0.0, 'position of the sensor on the robot, to the left, m', low=-100.0, high=100.0
+    )
+    yaw: float = setting(0.0, 'heading of the sensor on the robot, rad', low=-6.2832, high=6.2832)
+    upside_down: bool = setting(
+        False, 'the sensor is mounted upside down: its angles run clockwise'
+    )
     frames: str = setting(
         '',
-        'sensors mounted elsewhere, by frame_id: FRAME X Y YAW; FRAME X Y YAW; ... (m, rad)',
+        'other mounts by frame_id of the scan: FRAME X Y YAW; FRAME X Y YAW; ... (m, rad)',
     )
 
     def __post_init__(self) -> None:
@@ -307,29 +318,30 @@ class PlacingConfig:
 
     max_pose_gap: float = setting(
         2.0,
-        'poses further apart than this are not interpolated, s',
+        'longest time between two poses that a pose is interpolated from, s',
         low=0.0,
         high=3600.0,
         live=True,
     )
     max_speed: float = setting(
         10.0,
-        'poses that imply a faster robot are a jump: no scan between them is used, m/s',
+        'a faster change between two poses is a jump of the localizer: scans between them are '
+        'not used, m/s',
         low=0.01,
         high=1e6,
         live=True,
     )
     max_turn_rate: float = setting(
         10.0,
-        'likewise for turning, rad/s',
+        'the same for turning, rad/s',
         low=0.01,
         high=1e6,
         live=True,
     )
     deskew: str = setting(
         'auto',
-        'beams at their own times: auto where the scan names time_increment; on: from scan_time '
-        'as well; off: all at the stamp of the scan',
+        'correct scans for the motion during a sweep: auto: if the scan has time_increment; on:'
+        ' from scan_time too; off: all beams at the stamp of the scan',
         choices=('auto', 'on', 'off'),
     )
     mount: MountConfig = MountConfig()

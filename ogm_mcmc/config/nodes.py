@@ -56,7 +56,7 @@ class IntakeConfig:
     base_frame: str = setting(
         'base_link', 'frame the poses are of and sensors sit on; odometry names its own'
     )
-    sensor_frame: str = setting('', 'scans must carry this frame_id; empty: any')
+    sensor_frame: str = setting('', 'use only scans with this frame_id; empty: all')
     pose_source: str = setting(
         'pose',
         f'where poses come from, and the topic: {POSE_SOURCES_TEXT}',
@@ -70,13 +70,16 @@ class IntakeConfig:
     )
     transform_timeout: float = setting(
         1.0,
-        'a scan waits this long for its pose after it and the last pose came, s',
+        'a scan is dropped when no pose for it comes within this time, s',
         low=0.0,
         high=3600.0,
         live=True,
     )
     max_waiting_scans: int = setting(
-        1000, 'scans that may wait for a pose at once; the oldest go first', low=1, high=100000
+        1000,
+        'largest number of scans that wait for a pose; the oldest are dropped first',
+        low=1,
+        high=100000,
     )
     stale_after: float = setting(
         10.0,
@@ -108,7 +111,7 @@ class OnlineMapperConfig:
     )
     latched_interval: float = setting(
         10.0,
-        'while nobody listens, the latched map is renewed at this interval, s',
+        'renew the latched map at this interval while there is no subscriber, s',
         low=0.1,
         high=86400.0,
         live=True,
@@ -136,18 +139,18 @@ class RefineServerConfig:
     )
     latched_interval: float = setting(
         10.0,
-        'while nobody listens, the latched map is renewed at this interval, s',
+        'renew the latched map at this interval while there is no subscriber, s',
         low=0.1,
         high=86400.0,
         live=True,
     )
     niceness: int = setting(
-        5, 'sampling gives way to other programs: 0 not at all, 19 always', low=0, high=19
+        5, 'nice value of the sampling threads: 0: normal priority, 19: lowest', low=0, high=19
     )
     state_file: str = setting(
         '',
-        'chains are written here by ~/save_map and when sampling ends, and taken up again by the '
-        'first ~/refine with the same scans and settings; empty: nowhere',
+        'file for the state of the chains, written by ~/save_map and at the end of sampling; '
+        'the first ~/refine with the same scans and settings continues from it; empty: none',
     )
     save_directory: str = setting('.', 'folder ~/save_map writes to', live=True)
     save_name: str = setting('map_refined', 'name of the files ~/save_map writes', live=True)
@@ -198,21 +201,18 @@ class ReplayConfig:
     topics: str = setting('', 'only these topics, separated by commas; empty: all')
     remap: str = setting('', 'OLD=NEW topic names, separated by commas')
     clock: bool = setting(False, 'publish /clock from the times of the recording')
-    start: float = setting(0.0, 'leave out the first seconds', low=0.0, high=1e9)
+    start: float = setting(0.0, 'skip this many seconds at the beginning, s', low=0.0, high=1e9)
     loop: bool = setting(False, 'start again at the end')
-    start_paused: bool = setting(False, 'wait for ~/pause with data: false')
+    start_paused: bool = setting(False, 'start paused; ~/pause with data: false continues')
     wait: float = setting(
         10.0,
-        'wait up to this long for a subscriber, s, and give up if there is none; 0: publish '
-        'whether anybody listens or not',
+        'wait this long for a subscriber and then give up, s; 0: publish without waiting',
         low=0.0,
         high=3600.0,
     )
-    wait_topics: int = setting(
-        1, 'go on as soon as so many topics have a subscriber', low=0, high=1000
-    )
+    wait_topics: int = setting(1, 'start when this many topics have subscribers', low=0, high=1000)
     wait_subscribers: int = setting(
-        1, 'subscribers that a topic needs to count for wait_topics', low=1, high=1000
+        1, 'number of subscribers a topic needs for wait_topics', low=1, high=1000
     )
     progress: bool = setting(False, 'show a progress bar on the terminal')
 

@@ -15,13 +15,14 @@ class RandomFieldConfig:
 
     length_scale: float = setting(
         1.0,
-        'l in the covariance exp(-d^2 / (2 l)) of two cells d cells apart, square cells',
+        'l of the covariance exp(-d^2 / (2 l)) of two cells at a distance of d cells, in cells '
+        'squared',
         low=0.05,
         high=20.0,
     )
     variance: float = setting(
         0.1,
-        "of each cell's own log-odds as an observation, where the field's is 1",
+        'variance of the noise of an observed log-odds; the variance of the field is 1',
         low=1e-4,
         high=100.0,
     )
@@ -30,14 +31,14 @@ class RandomFieldConfig:
     )
     drop: float = setting(
         1e-4,
-        'covariances that start below this are dropped; smaller is truer, slower and larger',
+        'prior covariances below this are set to 0; smaller values are more exact, slower and '
+        'need more memory',
         low=1e-12,
         high=0.5,
     )
     max_variance: float = setting(
         0.9,
-        'unmeasured cells are predicted up to this variance, and stay unknown above it; the '
-        "field's own is 1",
+        'unmeasured cells with a larger variance stay unknown; the variance of the field is 1',
         low=0.0,
         high=1.0,
     )

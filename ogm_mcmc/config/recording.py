@@ -15,21 +15,25 @@ class KeepConfig:
 
     keep: str = setting(
         'coverage',
-        'which scans go when the window is full: coverage: those of places and headings that '
-        'others cover, too; latest: the oldest',
+        'which scans are removed when the window is full: coverage: those whose place and '
+        'heading are covered by others; latest: the oldest',
         choices=('coverage', 'latest'),
         live=True,
     )
     minimum_travel_distance: float = setting(
         0.0,
-        'a scan does not come in if its sensor moved less than this since the last one kept, m, '
-        'and turned less than minimum_travel_heading; 0: every scan may',
+        'a scan is kept only if the sensor moved this far since the last kept scan, m, or '
+        'turned by minimum_travel_heading; 0: keep every scan',
         low=0.0,
         high=1000.0,
         live=True,
     )
     minimum_travel_heading: float = setting(
-        0.5, 'see minimum_travel_distance, rad', low=0.0, high=6.3, live=True
+        0.5,
+        'smallest turn for a new scan, see minimum_travel_distance, rad',
+        low=0.0,
+        high=6.3,
+        live=True,
     )
 
     def __post_init__(self) -> None:
@@ -42,15 +46,19 @@ class RecordingConfig:
     """How much is kept for sampling; `window.keep` says what goes first."""
 
     window: KeepConfig = KeepConfig()
-    max_scans: int = setting(2000, 'scans kept for sampling', low=1, high=10**7, live=True)
+    max_scans: int = setting(
+        2000, 'largest number of scans kept for sampling', low=1, high=10**7, live=True
+    )
     max_seconds: float = setting(
         0.0,
-        'scans older than this before the newest are let go, s; 0: none',
+        'scans this much older than the newest are removed, s; 0: age does not matter',
         low=0.0,
         high=1e9,
         live=True,
     )
-    max_rays: int = setting(1_000_000, 'beams kept for sampling', low=1, high=10**9, live=True)
+    max_rays: int = setting(
+        1_000_000, 'largest number of beams kept for sampling', low=1, high=10**9, live=True
+    )
 
     def __post_init__(self) -> None:
         """Refuse what is out of bounds."""

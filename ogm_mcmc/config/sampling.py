@@ -26,27 +26,34 @@ class ForwardModelConfig:
 
     kind: str = setting(
         'beam',
-        'beam: hit, clutter, short and missing returns mixed; gaussian: N(f, sigma^2) alone',
+        'beam: a mixture of hits, clutter, short and missing returns; gaussian: hits only, N(f,'
+        ' sigma^2)',
         choices=('beam', 'gaussian'),
     )
     sigma: float = setting(
-        0.05, 'standard deviation of a range, pose error included, m', low=1e-4, high=10.0
+        0.05,
+        'standard deviation of a range, m; include the error of the poses',
+        low=1e-4,
+        high=10.0,
     )
     clutter: float = setting(
-        0.05, 'beam: share of ranges that come from anywhere', low=1e-6, high=0.5
+        0.05, 'beam: share of ranges that are random (uniform)', low=1e-6, high=0.5
     )
     missing: float = setting(
-        0.05, 'beam: share of beams that return nothing although they hit', low=1e-6, high=0.5
+        0.05, 'beam: share of beams that hit something but give no return', low=1e-6, high=0.5
     )
     short: float = setting(
-        0.0, 'beam: share of ranges from something in front of the cell', low=0.0, high=0.5
+        0.0,
+        'beam: share of ranges from an object in front of the occupied cell',
+        low=0.0,
+        high=0.5,
     )
     short_decay: float = setting(
-        1.0, 'beam: short returns fall off by 1/e over 1/short_decay m', low=1e-3, high=100.0
+        1.0, 'beam: decay rate of the density of short ranges, 1/m', low=1e-3, high=100.0
     )
     depth: float = setting(
         0.5,
-        'where inside a cell a beam is reflected: 0 where it enters, 0.5 half way through',
+        'where in a cell a beam is reflected: 0: at its border, 0.5: in the middle',
         low=0.0,
         high=1.0,
     )
@@ -65,24 +72,25 @@ class WindowConfig:
     resolution: float = setting(0.05, 'side of a cell, m', low=0.001, high=10.0)
     max_range: float = setting(
         0.0,
-        "beams are used up to this range, m; longer ones end there; 0: the sensor's own",
+        'beams are used up to this range, m; a longer beam is free up to it; 0: up to range_max'
+        ' of the scan',
         low=0.0,
         high=10000.0,
     )
     no_return: str = setting(
         'clear',
-        'clear: +inf says that nothing is on the ray; ignore: it says nothing',
+        'meaning of a range of +inf: clear: nothing on the ray up to range_max; ignore: not used',
         choices=('clear', 'ignore'),
     )
-    beam_stride: int = setting(1, 'use every so many-th beam of a scan', low=1, high=10000)
+    beam_stride: int = setting(1, 'use every n-th beam of a scan', low=1, high=10000)
     cut_sigma: float = setting(
         6.0,
-        'rays are followed to so many sigma behind their reading; 0: to the end',
+        'a ray is followed up to this many sigma behind its reading; 0: up to the maximum range',
         low=0.0,
         high=1000.0,
     )
     max_memory_mb: float = setting(
-        2000.0, 'the ray index may take so much memory, MB', low=1.0, high=1e6
+        2000.0, 'largest memory of the ray index, MB', low=1.0, high=1e6
     )
 
     def __post_init__(self) -> None:
@@ -95,27 +103,31 @@ class ChainConfig:
     """How the chains are started and run."""
 
     prior: float = setting(
-        0.15, 'probability that a cell is occupied before any beam', low=1e-6, high=1.0 - 1e-6
+        0.15, 'prior probability that a cell is occupied', low=1e-6, high=1.0 - 1e-6
     )
-    chains: int = setting(2, 'chains, each in a thread of its own', low=1, high=64)
+    chains: int = setting(2, 'number of chains, one thread each', low=1, high=64)
     start: str = setting(
         'dispersed',
-        'live: the thresholded live map; prior: a draw from it; free; occupied; dispersed: these '
-        'in turn, one per chain, but for cells that are free in the live map: they start free',
+        'first map of a chain: live: the live map with a threshold; prior: a draw from the '
+        'prior; free; occupied; dispersed: a different one of these for each chain, except that'
+        ' cells free in the live map start free',
         choices=('dispersed', 'live', 'prior', 'free', 'occupied'),
     )
     start_threshold: float = setting(
         0.5,
-        'the live map is occupied from this probability on; unmeasured cells have the prior',
+        'cells of the live map are occupied from this probability; unmeasured cells have the '
+        'prior',
         low=0.0,
         high=1.0,
     )
     order: str = setting(
         'fixed',
-        'order of the cells in a sweep; checkerboard: all even cells, then all odd ones',
+        'order of the cells in a sweep; checkerboard: the even cells first, then the odd cells',
         choices=('fixed', 'random', 'checkerboard'),
     )
-    burn_in: int = setting(50, 'sweeps of each chain that do not count', low=0, high=10**9)
+    burn_in: int = setting(
+        50, 'number of sweeps of each chain that are not counted', low=0, high=10**9
+    )
     seed: int = setting(1, 'seed of the chains', low=0, high=2**63 - 1)
 
     def __post_init__(self) -> None:
@@ -132,18 +144,20 @@ class ChainConfig:
 class StopConfig:
     """When sampling is done; whatever comes first."""
 
-    max_sweeps: int = setting(2000, 'sweeps of each chain', low=1, high=10**9, live=True)
-    max_time: float = setting(60.0, 'time for sampling, s', low=0.01, high=1e7, live=True)
+    max_sweeps: int = setting(
+        2000, 'largest number of sweeps of each chain', low=1, high=10**9, live=True
+    )
+    max_time: float = setting(60.0, 'longest time for sampling, s', low=0.01, high=1e7, live=True)
     r_hat: float = setting(
         1.05,
-        'chains agree where R-hat is below this; 0: never stop for it',
+        'a cell has converged when R-hat is below this; 0: do not stop on convergence',
         low=0.0,
         high=10.0,
         live=True,
     )
     agreeing_share: float = setting(
         0.99,
-        'enough when so many of the cells that a beam tells of agree',
+        'stop when this share of the cells with data has converged',
         low=0.0,
         high=1.0,
         live=True,
@@ -172,22 +186,21 @@ class PatchConfig:
 
     prior: str = setting(
         'uniform',
-        'uniform: independent cells, chain.prior; patch: how common a patch is in the training '
-        'maps; border: the same given the cells around it',
+        'prior over maps: uniform: independent cells with chain.prior; patch: frequency of a '
+        'patch in training maps; border: its frequency given the cells around it',
         choices=('uniform', 'patch', 'border'),
     )
-    size: int = setting(1, 'cells drawn at a time: 1, 9 or 25', low=1, high=25)
-    prior_file: str = setting(
-        '', 'prior file of learn-prior; empty: the one that comes with the package'
-    )
+    size: int = setting(1, 'number of cells in a patch: 1, 9 or 25', low=1, high=25)
+    prior_file: str = setting('', 'prior file made by learn-prior; empty: the installed one')
     order: str = setting(
         'tiled',
-        'tiled: patches side by side from a random offset; random: anywhere, as published',
+        'tiled: patches side by side from a random offset; random: patches at random places, as'
+        ' published',
         choices=('tiled', 'random'),
     )
     escape: float = setting(
         0.02,
-        'share of draws that also consider a patch the table does not list',
+        'share of the draws that also consider patches missing from the prior',
         low=1e-6,
         high=1.0,
     )
@@ -201,8 +214,8 @@ class PatchConfig:
     )
     margin: int = setting(
         5,
-        'cells within so many of what a beam tells of are sampled; those beyond are solid, as '
-        'unknown ones of the training maps are',
+        'only cells within this many cells of the data are sampled; those further away stay '
+        'occupied, as unknown cells of the training maps are',
         low=1,
         high=10_000,
     )
@@ -243,8 +256,8 @@ class ShownConfig:
 
     unknown_margin: float = setting(
         0.02,
-        'cells are unknown (-1) unless max(p, 1 - p) exceeds that of the prior by this; below 0 '
-        'shows less certain ones, never those of which no beam says anything',
+        'a cell is shown as known when max(p, 1 - p) exceeds that of the prior by this; '
+        'otherwise it is unknown (-1). Cells without data are always unknown',
         low=-0.5,
         high=0.5,
         live=True,

@@ -34,6 +34,7 @@ __all__ = [
     'checked_name',
     'folder_to_fill',
     'makeable_folder',
+    'refuse_folder',
     'replacing',
     'replacing_set',
     'writable_folder',
@@ -51,7 +52,7 @@ def replacing(path: Path) -> Iterator[Path]:
     with _said(path), _scratch(path.parent) as scratch:
         temporary = scratch / path.name
         yield temporary
-        _refuse_folder(path)
+        refuse_folder(path)
         _write_through(temporary)
         os.replace(temporary, path)
         _write_through(path.parent)
@@ -70,7 +71,7 @@ def replacing_set(folder: Path, name: str, without: Sequence[str] = ()) -> Itera
         yield scratch
         made = sorted(path.name for path in scratch.iterdir())
         for one in made:
-            _refuse_folder(folder / one)
+            refuse_folder(folder / one)
             _write_through(scratch / one)
         described = f'{name}.yaml'
         image = _image_of(scratch / described) if described in made else None
@@ -182,7 +183,8 @@ def _write_through(path: Path) -> None:
         os.close(handle)
 
 
-def _refuse_folder(path: Path) -> None:
+def refuse_folder(path: Path) -> None:
+    """Check that a path is free for a file; raises OutputError for a folder."""
     if path.is_dir():
         raise OutputError(f'{path}: is a folder; expected a name for a file')
 

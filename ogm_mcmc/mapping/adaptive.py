@@ -273,7 +273,7 @@ class AdaptiveMapper:
         return self.tree.statistics()
 
     def extras(self, box: CellBox) -> Extras:
-        """All leaves of the tree, and what they take; `box` is of no concern."""
+        """All leaves of the tree, and what they take (all of it, whatever the box)."""
         found = self.statistics()
         return Extras(
             tables={'tree': self.tree.leaves()._asdict()},

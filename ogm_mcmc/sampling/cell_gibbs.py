@@ -74,7 +74,7 @@ class CellModel:
 
     @property
     def n_cells(self) -> int:
-        """K."""
+        """Number of cells of the window, K."""
         return self.index.n_cells
 
     def start(self, cells: UInt8Array) -> GibbsState:

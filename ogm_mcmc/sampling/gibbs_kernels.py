@@ -139,7 +139,7 @@ def sweep_arrays(
     rng, order, cells, records, bits, cell_start, pairs, pair_bits, positions, gain, ray_start,
     steps, across, up, likelihood, nothing, ceiling, prior,
 ):  # fmt: skip
-    """Do what `sweep_cells` says."""
+    """Sweep over all cells of `order` once; return the flips. Arguments: see `sweep_cells`."""
     flips = 0
     for j in range(order.size):
         cell = order[j]

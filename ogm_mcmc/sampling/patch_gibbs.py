@@ -146,7 +146,7 @@ class PatchModel:
 
     @property
     def n_cells(self) -> int:
-        """K."""
+        """Number of cells of the window, K."""
         return self.index.n_cells
 
     def start(self, cells: UInt8Array) -> GibbsState:

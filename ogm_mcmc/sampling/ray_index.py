@@ -45,12 +45,12 @@ class RayIndex(NamedTuple):
 
     @property
     def n_rays(self) -> int:
-        """N."""
+        """Number of rays, N."""
         return int(self.first_cell.size)
 
     @property
     def n_pairs(self) -> int:
-        """T."""
+        """Number of pairs of a ray and a cell it crosses, T."""
         return int(self.ray_start[-1])
 
     @property

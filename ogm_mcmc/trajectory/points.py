@@ -27,7 +27,7 @@ class ScanPoints(NamedTuple):
 
     @property
     def n_scans(self) -> int:
-        """K."""
+        """Number of scans, K."""
         return int(self.starts.size - 1)
 
     @classmethod
