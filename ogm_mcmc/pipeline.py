@@ -62,6 +62,19 @@ class MappingPipeline:
             self.method.configure(config)
             self.config = config
 
+    def take_over(self, other: MappingPipeline) -> None:
+        """Show the map of another pipeline from now on, with the settings that hold here.
+
+        Whoever views the map has to begin anew.
+        """
+        if other.config != self.config:
+            other.configure(self.config)
+        self.method, self.scans_used, self.changed = (
+            other.method,
+            other.scans_used,
+            other.changed,
+        )
+
     def reset(self) -> None:
         """Forget the map."""
         self.method.reset()

@@ -116,6 +116,18 @@ class OnlineMapperConfig:
         high=86400.0,
         live=True,
     )
+    keep_scans: bool = setting(
+        False,
+        'keep every scan, so that a corrected trajectory (topic trajectory) places it anew; the '
+        'map is made anew in the background then',
+    )
+    keep_scans_mb: float = setting(
+        500.0,
+        'keep_scans: memory for ranges, MB; when it is full, scans of places and headings that '
+        'others cover go first, and are missing in a map made anew',
+        low=1.0,
+        high=1e6,
+    )
     save_directory: str = setting('.', 'folder ~/save_map writes to', live=True)
     save_name: str = setting('map', 'name of the files ~/save_map writes', live=True)
 

@@ -23,7 +23,7 @@ from ogm_mcmc.arrays import BoolArray, Float64Array, Int64Array
 from ogm_mcmc.engine.robot_track import RobotTrack, turned_back
 from ogm_mcmc.geometry import PlacedScan, Pose2D
 
-__all__ = ['Corrected', 'Corrections', 'Nodes', 'corrected_poses']
+__all__ = ['Corrected', 'Corrector', 'Nodes', 'corrected_poses']
 
 MOVED_CELLS = 0.25
 """Scans that moved less are left where they are."""
@@ -48,7 +48,7 @@ class Corrected(NamedTuple):
     furthest_m: float
 
 
-class Corrections:
+class Corrector:
     """Notes every placed scan; places scans anew when a corrected trajectory comes."""
 
     def __init__(self) -> None:
@@ -127,9 +127,12 @@ def _carried(node: Float64Array, at_node: Float64Array, recorded: Float64Array) 
 def _furthest_way(placed: PlacedScan, pose: Pose2D) -> float:
     """Return an upper bound of how far any reading of a scan moves, m."""
     scan, old = placed.scan, placed.pose
+    way_m = math.hypot(pose.x_m - old.x_m, pose.y_m - old.y_m)
+    turn = abs(math.remainder(pose.yaw_rad - old.yaw_rad, 2.0 * math.pi))
+    if turn < 1e-9:
+        return way_m
     ranges = scan.ranges_m[np.isfinite(scan.ranges_m)]
     reach_m = float(ranges.max(initial=0.0))
     if (scan.ranges_m == np.inf).any() and math.isfinite(scan.range_max_m):
         reach_m = scan.range_max_m
-    turn = abs(math.remainder(pose.yaw_rad - old.yaw_rad, 2.0 * math.pi))
-    return math.hypot(pose.x_m - old.x_m, pose.y_m - old.y_m) + turn * reach_m
+    return way_m + turn * reach_m

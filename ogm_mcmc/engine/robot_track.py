@@ -17,11 +17,12 @@ NS_PER_S = 1_000_000_000
 # Stamps that go back further than this are a restart (a bag played again).
 RESTART_NS = NS_PER_S
 
-# A robot that drives is not faster; between two scans a localizer that found its place again is.
-DRIVES_M_S = 3.0
-DRIVES_RAD_S = 4.0
-SLACK_M = 0.1
-SLACK_RAD = 0.1
+# Steps between two scans that are longer are taken for jumps of the localizer. Robots that are
+# faster jump all the time, which does no harm: corrections are interpolated then.
+DRIVES_M_S = 1.5
+DRIVES_RAD_S = 3.0
+SLACK_M = 0.03
+SLACK_RAD = 0.03
 
 
 def turned_back(angle: Float64Array) -> Float64Array:

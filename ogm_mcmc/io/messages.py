@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ogm_mcmc.arrays import AnyArray, Float32Array, Float64Array
+from ogm_mcmc.arrays import AnyArray, Float32Array, Float64Array, Int64Array
 from ogm_mcmc.errors import PoseError, ScanError
 from ogm_mcmc.geometry import (
     CellBox,
@@ -29,6 +29,7 @@ __all__ = [
     'fill_grid_update',
     'frame_of',
     'read_particles',
+    'read_path',
     'read_pose',
     'read_range',
     'read_scan',
@@ -139,6 +140,23 @@ def read_pose(msg: Any, *, with_covariance: bool = True) -> PoseBelief:
         raise PoseError(f'covariance: expected 36 numbers, got {full.size}')
     covariance = _checked_covariance(full.reshape(6, 6)[np.ix_((0, 1, 5), (0, 1, 5))])
     return PoseBelief(mean, covariance)
+
+
+def read_path(msg: Any) -> tuple[Int64Array, Float64Array]:
+    """Read a nav_msgs/Path: stamps (N,), ns, of its poses, and x, y, yaw (N, 3), by their stamps.
+
+    Raises PoseError for a pose that is not level, not finite or too far, and where the poses do
+    not carry stamps of their own (all the same, as planners send them).
+    """
+    stamps = np.array([stamp_of(posed) for posed in msg.poses], np.int64)
+    if stamps.size == 0:
+        raise PoseError('no pose in it: expected at least one')
+    if np.unique(stamps).size < stamps.size:
+        raise PoseError('two poses have one stamp: expected poses that carry their own stamps')
+    planar = [_planar(posed.pose) for posed in msg.poses]
+    order = np.argsort(stamps)
+    poses = np.array([(pose.x_m, pose.y_m, pose.yaw_rad) for pose in planar])
+    return stamps[order], poses[order]
 
 
 def _planar(pose: Any) -> Pose2D:

@@ -19,6 +19,8 @@ from ogm_mcmc.config.nodes import (
     IntakeConfig,
     OnlineMapperConfig,
 )
+from ogm_mcmc.engine.corrections import Corrected, Nodes
+from ogm_mcmc.engine.kept_scans import KeptScans
 from ogm_mcmc.engine.saved_map import MapToSave, replacing_map
 from ogm_mcmc.errors import OgmError
 from ogm_mcmc.files.user_paths import user_path
@@ -30,6 +32,7 @@ from ogm_mcmc.ros.live_maps import LiveMaps
 from ogm_mcmc.ros.parameters import ParameterSet
 from ogm_mcmc.ros.running import run_node
 from ogm_mcmc.ros.scan_intake import ScanIntake
+from ogm_mcmc.ros.trajectory_intake import TrajectoryIntake
 
 __all__ = ['OnlineMapper', 'main']
 
@@ -66,6 +69,8 @@ class OnlineMapper(Node):
             self.parameters.read(OutputConfig),
             lambda: (self.intake.settings.map_frame, self._last_stamp_ns),
         )
+        self.kept = KeptScans(self.settings.keep_scans_mb) if self.settings.keep_scans else None
+        self.trajectory = TrajectoryIntake(self, self.intake, self.correct) if self.kept else None
         self.diagnostics = Diagnostics(self, 'mapping')
         self.create_service(Trigger, '~/reset', self.on_reset)
         self.create_service(Trigger, '~/save_map', self.on_save_map)
@@ -91,6 +96,8 @@ class OnlineMapper(Node):
         self._last_stamp_ns = placed.scan.stamp_ns
         self.maps.mark(changed)
         self._remark_on_cloud(placed)
+        if self.kept is not None:
+            self.kept.add(placed)
 
     def _remark_on_cloud(self, placed: PlacedScan) -> None:
         cloud, config = placed.belief.particles, self.pipeline.config
@@ -101,10 +108,29 @@ class OnlineMapper(Node):
                 '(pose_uncertain.max_particles)'
             )
 
+    def correct(self, nodes: Nodes) -> Corrected:
+        """Place the scans anew and begin to make the map anew."""
+        assert self.kept is not None
+        return self.kept.correct(nodes, self.pipeline.config)
+
+    def take_remade(self) -> None:
+        """Swap in a map that was made anew."""
+        remade = None if self.kept is None else self.kept.taken()
+        if remade is not None:
+            self.pipeline.take_over(remade.pipeline)
+            self.maps.restart()
+            self.get_logger().info(
+                f'map made anew from {remade.scans} scans at corrected poses in '
+                f'{remade.seconds:.2f} s'
+            )
+
     def on_housekeeping(self) -> None:
         """Drop scans that waited too long; do not let a new listener wait for its map."""
         self.intake.pass_on()
+        self.take_remade()
         self.maps.serve_newcomers()
+        if self.trajectory is not None:
+            self.trajectory.adapt()
 
     # -- maps out ---------------------------------------------------------------------------
 
@@ -123,6 +149,7 @@ class OnlineMapper(Node):
             'map size (cells)': f'{spec.width} x {spec.height}',
             'maps published': self.maps.map.topic.sent,
             'paused': self.intake.paused,
+            **self._kept_values(),
             **self.intake.problems.values(),
         }
         dropped = self.intake.problems.all().total()
@@ -133,6 +160,17 @@ class OnlineMapper(Node):
             health=self.intake.health(),
         )
 
+    def _kept_values(self) -> dict[str, object]:
+        if self.kept is None or self.trajectory is None:
+            return {'scans kept for corrections': 'none: keep_scans is off'}
+        recording = self.kept.recording
+        return {
+            'scans kept for corrections': len(recording),
+            'scans let go': recording.let_go.total(),
+            'map is being made anew': self.kept.busy,
+            **self.trajectory.values(),
+        }
+
     # -- services and parameters ------------------------------------------------------------
 
     def on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -140,6 +178,8 @@ class OnlineMapper(Node):
         used = self.pipeline.scans_used
         self.pipeline.reset()
         self.intake.clear()
+        if self.kept is not None:
+            self.kept.clear()
         self.mapping_s = 0.0
         self.maps.restart()
         response.success, response.message = True, f'forgot a map of {used} scans'

@@ -29,13 +29,14 @@ from ogm_mcmc.config.nodes import (
     RefineServerConfig,
     refine_settings_agree,
 )
+from ogm_mcmc.engine.corrections import Corrected, Corrector, Nodes
 from ogm_mcmc.engine.recording import Recording
 from ogm_mcmc.engine.refinement import hide_uncertain, warm_up
 from ogm_mcmc.engine.worker import RefinedMap, RefineWorker
 from ogm_mcmc.errors import OgmError
 from ogm_mcmc.files.output_files import writable_folder
 from ogm_mcmc.files.user_paths import user_path
-from ogm_mcmc.geometry import GridMap
+from ogm_mcmc.geometry import GridMap, PlacedScan
 from ogm_mcmc.io.map_files import save_map
 from ogm_mcmc.io.tum_files import write_beliefs
 from ogm_mcmc.ros.diagnostics import DIAGNOSTICS_S, Diagnostics
@@ -43,6 +44,7 @@ from ogm_mcmc.ros.parameters import ParameterSet
 from ogm_mcmc.ros.refined_maps import RefinedMaps
 from ogm_mcmc.ros.running import run_node
 from ogm_mcmc.ros.scan_intake import ScanIntake
+from ogm_mcmc.ros.trajectory_intake import TrajectoryIntake
 from ogm_mcmc.ros.trajectory_publisher import TrajectoryPublisher, correction_values
 
 __all__ = ['RefineServer', 'main']
@@ -67,8 +69,10 @@ class RefineServer(Node):
             self,
             self.parameters.read(IntakeConfig),
             self.parameters.read(PlacingConfig),
-            self.recording.add,
+            self.record,
         )
+        self.corrector = Corrector()
+        self.corrected = TrajectoryIntake(self, self.intake, self.correct)
         state_file = self._state_file()
         started = time.monotonic()
         warm_up(self.sampler)
@@ -114,11 +118,29 @@ class RefineServer(Node):
         writable_folder(path.parent)  # better said now than when the work is done
         return path
 
+    # -- scans in ---------------------------------------------------------------------------
+
+    def record(self, placed: PlacedScan) -> None:
+        """Record a placed scan; raises GridError when no window can hold it."""
+        self.recording.add(placed)
+        self.corrector.note(placed)
+
+    def correct(self, nodes: Nodes) -> Corrected:
+        """Place the recorded scans anew; sampling in progress goes on with them, warm."""
+        scans = self.recording.snapshot()
+        corrected = self.corrector.applied(scans, nodes, self.sampler.window.resolution)
+        if corrected.moved:
+            self.recording.replace(corrected.scans)
+            if self.worker.status.state != 'idle':
+                self.worker.refine(self.recording.snapshot(), self.stop)
+        return corrected
+
     # -- maps out ---------------------------------------------------------------------------
 
     def on_housekeeping(self) -> None:
         """Drop scans that waited too long; publish what the worker handed over."""
         self.intake.pass_on()
+        self.corrected.adapt()
         if self.worker.failure is not None:
             raise self.worker.failure
         self.publish_maps()
@@ -140,6 +162,7 @@ class RefineServer(Node):
         values = {
             **self.intake.values(),
             **recording.values(),
+            **self.corrected.values(),
             'state': status.state,
             'scans sampled': status.scans,
             'rays': status.rays,
@@ -205,6 +228,7 @@ class RefineServer(Node):
         forgotten = len(self.recording)
         self.worker.clear()
         self.recording.clear()
+        self.corrector.clear()
         self.intake.clear()
         self.maps.clear(self.sampler.window.resolution)
         self.trajectory.clear(self.intake.settings.map_frame)

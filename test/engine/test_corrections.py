@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.strategies import fan
 
-from ogm_mcmc.engine.corrections import Corrections, Nodes, corrected_poses
+from ogm_mcmc.engine.corrections import Corrector, Nodes, corrected_poses
 from ogm_mcmc.engine.robot_track import RobotTrack
 from ogm_mcmc.geometry import (
     PlacedScan,
@@ -140,11 +140,11 @@ def placed_at(t, said=drift, reading=2.0):
 
 
 def test_scans_are_placed_by_the_robot_and_its_mount():
-    corrections = Corrections()
+    corrector = Corrector()
     scans = [placed_at(t) for t in range(60)]
     for placed in scans:
-        corrections.note(placed)
-    found = corrections.applied(scans, nodes_of(truth, range(60)), 0.05)
+        corrector.note(placed)
+    found = corrector.applied(scans, nodes_of(truth, range(60)), 0.05)
     assert (found.covered, len(found.scans)) == (60, 60)
     assert found.scans[0] is scans[0]  # it was right
     assert 50 < found.moved < 60
@@ -157,7 +157,7 @@ def test_scans_are_placed_by_the_robot_and_its_mount():
     before, after = scans[59].belief.covariance, found.scans[59].belief.covariance
     assert np.linalg.eigvalsh(before) == pytest.approx(np.linalg.eigvalsh(after))
     # The same once more moves nothing: what was said then is kept beside what holds now.
-    again = corrections.applied(found.scans, nodes_of(truth, range(60)), 0.05)
+    again = corrector.applied(found.scans, nodes_of(truth, range(60)), 0.05)
     assert again.moved == 0
     assert all(a is b for a, b in zip(again.scans, found.scans, strict=True))
 
@@ -172,10 +172,10 @@ def test_scans_are_placed_by_the_robot_and_its_mount():
     ],
 )
 def test_only_what_moves_by_a_quarter_of_a_cell_is_placed_anew(step, moves):
-    corrections = Corrections()
+    corrector = Corrector()
     scan = PlacedScan.at(fan(2.0, math.nan, stamp_ns=S), Pose2D())
-    corrections.note(scan)
-    found = corrections.applied([scan], nodes_of(lambda t: step, [1]), 0.05)
+    corrector.note(scan)
+    found = corrector.applied([scan], nodes_of(lambda t: step, [1]), 0.05)
     assert (found.moved == 1) == moves == (found.scans[0] is not scan)
 
 

@@ -16,6 +16,7 @@ from ogm_mcmc.io.messages import (
     fill_grid_update,
     frame_of,
     read_particles,
+    read_path,
     read_pose,
     read_range,
     read_scan,
@@ -217,7 +218,7 @@ def test_covariance_that_says_nothing(make_pose, shape, value):
     with pytest.raises(PoseError, match=r'covariance of x, y, yaw has .* expected finite'):
         read_pose(shape(message))
     belief = read_pose(shape(message), with_covariance=False)
-    assert belief == (Pose2D(1.0, 0.0, 0.0), None, None)
+    assert belief[:3] == (Pose2D(1.0, 0.0, 0.0), None, None)
 
 
 @pytest.mark.parametrize('where', [1.1e6, -1.1e6, 1e308, math.nan, math.inf])
@@ -368,3 +369,25 @@ def test_particle_weights_count_in_proportion(scale):
 def test_particle_clouds_that_are_none(rows):
     with pytest.raises(PoseError, match=r'particles|weights'):
         read_particles(weighted(*rows))
+
+
+def test_read_path_sorts_by_the_stamps_of_its_poses():
+    poses = [Pose2D(1.0, 2.0, 0.5), Pose2D(3.0, 4.0, -0.5)]
+    message = ros_types.path(9, 'map', [2_000_000_007, 1_000_000_001], poses)
+    stamps, rows = read_path(message)
+    assert stamps.tolist() == [1_000_000_001, 2_000_000_007]
+    assert rows == pytest.approx(np.array([(3.0, 4.0, -0.5), (1.0, 2.0, 0.5)]))
+
+
+@pytest.mark.parametrize(
+    ('stamps', 'x', 'reason'),
+    [
+        ([], 0.0, 'no pose in it'),
+        ([5, 5], 0.0, 'expected poses that carry their own stamps'),
+        ([5, 6], 2e6, 'expected finite numbers up to 1e\\+06 m'),
+    ],
+)
+def test_a_path_that_corrects_nothing(stamps, x, reason):
+    message = ros_types.path(9, 'map', stamps, [Pose2D(x)] * len(stamps))
+    with pytest.raises(PoseError, match=reason):
+        read_path(message)

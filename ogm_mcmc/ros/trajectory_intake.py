@@ -1,0 +1,73 @@
+"""Corrected trajectories in: `trajectory`, a nav_msgs/Path whose poses carry their own stamps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from nav_msgs.msg import Path
+from rclpy.node import Node
+
+from ogm_mcmc.engine.corrections import Corrected, Nodes
+from ogm_mcmc.errors import GridError, PoseError
+from ogm_mcmc.io import messages
+from ogm_mcmc.ros import qos
+from ogm_mcmc.ros.pose_topics import AnyReliability
+from ogm_mcmc.ros.scan_intake import ScanIntake
+
+__all__ = ['TrajectoryIntake']
+
+
+class TrajectoryIntake:
+    """Subscribes and hands nodes to `apply`, which places scans anew and says how many.
+
+    What cannot be used is counted and warned about like any other message; so is a GridError of
+    `apply`.
+    """
+
+    def __init__(
+        self, node: Node, intake: ScanIntake, apply: Callable[[Nodes], Corrected]
+    ) -> None:
+        self.intake = intake
+        self.apply = apply
+        self.node = node
+        self.received = 0
+        self.last: Corrected | None = None
+        self._topic = AnyReliability(node, Path, 'trajectory', self.on_path, qos.LATEST)
+
+    def adapt(self) -> None:
+        """Listen as the publisher speaks."""
+        self._topic.adapt()
+
+    def on_path(self, msg: Any) -> None:
+        """Take a corrected trajectory."""
+        self.received += 1
+        problems, wanted = self.intake.problems, self.intake.settings.map_frame
+        frame = messages.frame_of(msg)
+        if frame != wanted:
+            problems.warn(
+                'trajectory_wrong_frame', f'trajectory in frame {frame!r}: expected {wanted!r}'
+            )
+            return
+        try:
+            self.last = self.apply(Nodes(*messages.read_path(msg)))
+        except PoseError as error:
+            problems.warn('trajectory_invalid', f'trajectory dropped: {error}')
+        except GridError as error:
+            problems.warn('trajectory_off_map', f'trajectory dropped: {error}')
+        else:
+            last = self.last
+            self.node.get_logger().debug(
+                f'trajectory of {len(msg.poses)} poses: {last.covered} scans covered, '
+                f'{last.moved} placed anew, by up to {last.furthest_m:.2f} m'
+            )
+
+    def values(self) -> dict[str, object]:
+        """Return what was corrected, for /diagnostics."""
+        last = self.last
+        values: dict[str, object] = {'trajectories received': self.received}
+        if last is not None:
+            values['scans covered by the last trajectory'] = last.covered
+            values['scans placed anew by it'] = last.moved
+            values['furthest move by it (m)'] = f'{last.furthest_m:.3f}'
+        return values
