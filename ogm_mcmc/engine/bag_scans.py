@@ -10,7 +10,8 @@ from typing import Any
 
 from ogm_mcmc.engine.bag_topics import StreamChoice, StreamTopics, choose_topics
 from ogm_mcmc.engine.mounts import MountFound, Mounts
-from ogm_mcmc.engine.placing import PoseHistory, PoseSource, RobotScan, ScanPlacer
+from ogm_mcmc.engine.placing import PoseSource, RobotScan, ScanPlacer
+from ogm_mcmc.engine.pose_history import PoseHistory
 from ogm_mcmc.engine.tf_poses import TfPoses
 from ogm_mcmc.errors import BagError, PoseError, ScanError
 from ogm_mcmc.geometry import PlacedScan, PoseBelief, Scan

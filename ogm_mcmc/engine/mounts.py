@@ -9,7 +9,8 @@ from functools import lru_cache
 from typing import NamedTuple
 
 from ogm_mcmc.config import MountConfig
-from ogm_mcmc.engine.placing import Unplaceable, Waiting, sensor_mount
+from ogm_mcmc.engine.placing import sensor_mount
+from ogm_mcmc.engine.pose_history import Unplaceable, Waiting
 from ogm_mcmc.engine.recent import Recent
 from ogm_mcmc.engine.tf_poses import TfPoses
 from ogm_mcmc.engine.transform_tree import TransformError

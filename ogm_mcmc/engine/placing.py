@@ -8,7 +8,6 @@ run this code.
 
 from __future__ import annotations
 
-from bisect import bisect_left
 from collections import Counter, deque
 from collections.abc import Callable, Iterator
 from functools import lru_cache
@@ -18,7 +17,15 @@ import numpy as np
 
 from ogm_mcmc.config import MountConfig
 from ogm_mcmc.engine.deskew import bent, last_stamp_ns, time_between_beams
+from ogm_mcmc.engine.pose_history import (
+    RESTART_AFTER,
+    RESTART_NS,
+    PoseHistory,
+    Unplaceable,
+    Waiting,
+)
 from ogm_mcmc.engine.recent import Recent
+from ogm_mcmc.engine.standing_still import StandingStill
 from ogm_mcmc.errors import PoseError
 from ogm_mcmc.geometry import (
     PlacedScan,
@@ -26,25 +33,15 @@ from ogm_mcmc.geometry import (
     PoseBelief,
     Scan,
     SensorMount,
-    interpolate,
 )
-from ogm_mcmc.geometry.motion import MAX_SPEED_M_S, MAX_TURN_RAD_S, jumps
+from ogm_mcmc.geometry.motion import jumps
 
-__all__ = ['DROP_REASONS', 'PoseHistory', 'PoseSource', 'RobotScan', 'ScanPlacer', 'sensor_mount']
+__all__ = ['DROP_REASONS', 'PoseSource', 'RobotScan', 'ScanPlacer', 'sensor_mount']
 
 NS_PER_S = 1_000_000_000
 
-# Stamps that go back further than this are a restart (a bag played again), not a late message.
-RESTART_NS = NS_PER_S
-
-# Nor are so many in a row that go back less: a bag of under a second played again.
-RESTART_AFTER = 10
-
 # While poses come in, a scan waits for its own, but not longer than so many timeouts.
 PATIENCE = 10.0
-
-# 64 MB of them.
-MAX_PARTICLES = 2_000_000
 
 DROP_REASONS = {
     'scan_out_of_order': 'it is older than the scan before it, or the same scan again',
@@ -65,14 +62,6 @@ DROP_REASONS = {
     'scan_invalid': 'the message does not hold a scan',
     'pose_invalid': 'the message does not hold a pose',
 }
-
-
-class Waiting(Exception):  # noqa: N818 - a state, not an error
-    """The pose may still come."""
-
-
-class Unplaceable(Exception):  # noqa: N818 - an answer, not an error
-    """The pose will not come; `args[0]` is one of `DROP_REASONS`."""
 
 
 class PoseSource(Protocol):
@@ -101,99 +90,6 @@ class MountSource(Protocol):
     def restart(self, stamp_ns: int) -> None:
         """Forget what moves ahead of a stamp: time started again there."""
         ...
-
-
-class PoseHistory:
-    """Recent beliefs about the robot's pose, in order of their stamps.
-
-    Between two poses the belief is interpolated, unless they are more than `max_gap_s` apart or
-    imply that the robot moved faster than `max_speed_m_s` or turned faster than `max_turn_rad_s`
-    (a localizer that found its place again: what lies between is no place where it was). At most
-    `2 keep` poses are held, and of clouds so many that they have `MAX_PARTICLES` particles.
-    """
-
-    def __init__(
-        self,
-        *,
-        max_gap_s: float = 2.0,
-        keep: int = 10_000,
-        max_speed_m_s: float = MAX_SPEED_M_S,
-        max_turn_rad_s: float = MAX_TURN_RAD_S,
-    ) -> None:
-        self.max_gap_ns = round(max_gap_s * NS_PER_S)
-        self.max_speed_m_s = max_speed_m_s
-        self.max_turn_rad_s = max_turn_rad_s
-        self.keep = keep
-        self.stamps: list[int] = []
-        self.beliefs: list[PoseBelief] = []
-        self._late = 0  # in a row
-        self._particles = 0
-
-    def add(self, stamp_ns: int, belief: PoseBelief) -> str | None:
-        """Take a pose; return the reason when it was dropped (or restarted the history)."""
-        restarted = bool(self.stamps) and stamp_ns <= self.stamps[-1]
-        if restarted:
-            # A source that repeats one stamp is stuck, not restarted.
-            self._late += stamp_ns < self.stamps[-1]
-            if self.stamps[-1] - stamp_ns <= RESTART_NS and self._late <= RESTART_AFTER:
-                return 'pose_out_of_order'
-            self.clear()
-        self._late = 0
-        self.stamps.append(stamp_ns)
-        self.beliefs.append(belief)
-        self._particles += _size(belief)
-        if len(self.stamps) > 2 * self.keep:
-            self._forget(len(self.stamps) - self.keep)
-        elif self._particles > MAX_PARTICLES and len(self.stamps) > 2:
-            self._forget(len(self.stamps) // 2)
-        return 'pose_jumped_back' if restarted else None
-
-    def _forget(self, count: int) -> None:
-        self._particles -= sum(map(_size, self.beliefs[:count]))
-        del self.stamps[:count], self.beliefs[:count]
-
-    def restart(self, stamp_ns: int) -> None:
-        """Forget all poses if any lies ahead of a stamp: time started again there."""
-        if self.stamps and self.stamps[-1] > stamp_ns + RESTART_NS:
-            self.clear()
-
-    def clear(self) -> None:
-        """Forget all poses."""
-        self.stamps.clear()
-        self.beliefs.clear()
-        self._late = self._particles = 0
-
-    def at(self, stamp_ns: int) -> PoseBelief:
-        """Return the belief at a stamp; raises Waiting or Unplaceable."""
-        later = bisect_left(self.stamps, stamp_ns)
-        if later == len(self.stamps):
-            raise Waiting
-        if self.stamps[later] == stamp_ns:
-            return self.beliefs[later]
-        if later == 0:
-            raise Unplaceable('scan_before_poses')
-        start, end = self.stamps[later - 1], self.stamps[later]
-        if end - start > self.max_gap_ns:
-            raise Unplaceable('pose_gap')
-        before, after = self.beliefs[later - 1], self.beliefs[later]
-        limits = self.max_speed_m_s, self.max_turn_rad_s
-        if jumps(before.mean, after.mean, end - start, *limits):
-            raise Unplaceable('pose_jump')
-        return _between(before, after, (stamp_ns - start) / (end - start))
-
-
-def _size(belief: PoseBelief) -> int:
-    return 0 if belief.particles is None else belief.particles.weights.size
-
-
-def _between(earlier: PoseBelief, later: PoseBelief, fraction: float) -> PoseBelief:
-    mean = interpolate(earlier.mean, later.mean, fraction)
-    covariance = None
-    if earlier.covariance is not None and later.covariance is not None:
-        covariance = (1.0 - fraction) * earlier.covariance + fraction * later.covariance
-    nearer = earlier if fraction < 0.5 else later
-    particles = nearer._replace(covariance=None).carried_to(mean).particles
-    return PoseBelief(mean, covariance, particles)
 
 
 class RobotScan(NamedTuple):
@@ -230,7 +126,9 @@ class ScanPlacer:
     `timeout_s` bounds how long a scan waits after it and the last new pose came in (ten times as
     long in all), `max_waiting` how many wait at once. With `mounts` a scan waits for that of its
     sensor as well, with `deskew` (auto, on; see `ogm_mcmc.engine.deskew`) for the pose of its
-    last beam. `on_drop(reason, scan or None)` is told of everything dropped.
+    last beam. Where a pose history falls silent, scans that see what the last placed one saw are
+    placed where that was: the robot stands still. `on_drop(reason, scan or None)` is told of
+    everything dropped.
     """
 
     def __init__(
@@ -255,6 +153,8 @@ class ScanPlacer:
         self._newest: Scan | None = None
         self._late: Recent[int] = Recent()  # by frame, in a row
         self._last_pose_s = -float('inf')
+        self._still = StandingStill()
+        self.n_held = 0  # placed where the robot still stood
 
     def __len__(self) -> int:
         """Return how many scans are waiting."""
@@ -307,6 +207,7 @@ class ScanPlacer:
         """
         waiting = list(self._waiting)
         self._waiting.clear()
+        self._still.clear()
         for scan, arrived_s in waiting:
             if scan.stamp_ns > stamp_ns + RESTART_NS:
                 self.drop('before_restart', scan)
@@ -325,6 +226,7 @@ class ScanPlacer:
         self._last_stamp_ns.clear()
         self._newest = None
         self.source.clear()
+        self._still.clear()
 
     def flush(self) -> Iterator[RobotScan]:
         """Yield what can be placed and drop the rest: nothing more will come."""
@@ -345,16 +247,35 @@ class ScanPlacer:
                 if patient:
                     return
                 self._waiting.popleft()
-                self.drop('pose_timeout', scan)
+                yield from self._held('pose_timeout', scan, now_s)
             except Unplaceable as reason:
                 self._waiting.popleft()
-                self.drop(str(reason), scan)
+                yield from self._held(str(reason), scan, now_s)
             except PoseError:
                 self._waiting.popleft()
                 self.drop('pose_unusable', scan)
             else:
                 self._waiting.popleft()
+                self._still.placed(scan, belief)
                 yield RobotScan(scan, belief, mount, way)
+
+    def _held(self, reason: str, scan: Scan, now_s: float) -> Iterator[RobotScan]:
+        """Yield a scan without a pose where it shows that the robot still stands; else drop it."""
+        belief = self._still.belief(scan) if reason in ('pose_timeout', 'pose_gap') else None
+        if (
+            belief is None
+            or not isinstance(self.source, PoseHistory)
+            or not self.source.stands_at(belief, scan.stamp_ns)
+        ):
+            self.drop(reason, scan)
+            return
+        try:
+            mount = self._mount(scan, now_s)
+        except (Waiting, Unplaceable):
+            self.drop('scan_no_mount', scan)
+            return
+        self.n_held += 1
+        yield RobotScan(scan, belief, mount)
 
     def _way(self, scan: Scan, belief: PoseBelief, patient: bool) -> Pose2D | None:
         """Return the robot's way during a sweep, None where it is not asked for or not known."""

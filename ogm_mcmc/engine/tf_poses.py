@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import NamedTuple
 
-from ogm_mcmc.engine.placing import Unplaceable, Waiting
+from ogm_mcmc.engine.pose_history import Unplaceable, Waiting
 from ogm_mcmc.engine.transform_tree import Edge, TransformError, TransformTree, along
 from ogm_mcmc.errors import PoseError
 from ogm_mcmc.geometry import Pose2D, PoseBelief, SensorMount

@@ -15,7 +15,8 @@ from sensor_msgs.msg import LaserScan, Range
 from ogm_mcmc.config import PlacingConfig
 from ogm_mcmc.config.nodes import IntakeConfig
 from ogm_mcmc.engine.mounts import MountFound, Mounts
-from ogm_mcmc.engine.placing import DROP_REASONS, PoseHistory, PoseSource, ScanPlacer
+from ogm_mcmc.engine.placing import DROP_REASONS, PoseSource, ScanPlacer
+from ogm_mcmc.engine.pose_history import PoseHistory
 from ogm_mcmc.engine.pose_watch import Corrections, RarePoses
 from ogm_mcmc.engine.tf_poses import TfPoses
 from ogm_mcmc.engine.transform_tree import TransformTree
@@ -323,4 +324,5 @@ class ScanIntake:
             'beams used': self.counts['beams_used'],
             'beams ignored': self.counts['beams_ignored'],
             'poses received': self.counts['poses_received'],
+            'scans at a last pose (standing still)': self.placer.n_held,
         }

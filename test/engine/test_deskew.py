@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from ogm_mcmc.engine.deskew import bent, last_stamp_ns, time_between_beams
-from ogm_mcmc.engine.placing import PoseHistory, ScanPlacer
+from ogm_mcmc.engine.placing import ScanPlacer
+from ogm_mcmc.engine.pose_history import PoseHistory
 from ogm_mcmc.geometry import Pose2D, PoseBelief, Scan, SensorMount
 
 S = 1_000_000_000

@@ -6,7 +6,7 @@ import pytest
 
 from ogm_mcmc.config import MountConfig
 from ogm_mcmc.engine.mounts import MAX_TOLD, Mounts
-from ogm_mcmc.engine.placing import Unplaceable, Waiting
+from ogm_mcmc.engine.pose_history import Unplaceable, Waiting
 from ogm_mcmc.engine.tf_poses import TfPoses
 from ogm_mcmc.engine.transform_tree import TransformTree
 from ogm_mcmc.geometry import Pose2D, SensorMount

@@ -13,7 +13,8 @@ import pytest
 from support.fuzz import ROUNDS, SEED
 
 from ogm_mcmc.config import MapperConfig
-from ogm_mcmc.engine.placing import PoseHistory, ScanPlacer
+from ogm_mcmc.engine.placing import ScanPlacer
+from ogm_mcmc.engine.pose_history import PoseHistory
 from ogm_mcmc.errors import OgmError
 from ogm_mcmc.io.messages import read_particles, read_pose, read_range, read_scan
 from ogm_mcmc.mapping import METHODS

@@ -9,8 +9,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from support.strategies import REPEATABLE, fan, stamps_ns
 
-from ogm_mcmc.engine import placing
-from ogm_mcmc.engine.placing import DROP_REASONS, PoseHistory, ScanPlacer, Unplaceable, Waiting
+from ogm_mcmc.engine import pose_history
+from ogm_mcmc.engine.placing import DROP_REASONS, ScanPlacer
+from ogm_mcmc.engine.pose_history import PoseHistory, Unplaceable, Waiting
 from ogm_mcmc.geometry import Pose2D, PoseBelief, PoseSamples, Scan, SensorMount, interpolate
 
 approx = pytest.approx
@@ -256,7 +257,7 @@ def test_frames_that_somebody_makes_up_do_not_fill_the_memory():
 
 
 def test_clouds_do_not_fill_the_memory(monkeypatch):
-    monkeypatch.setattr(placing, 'MAX_PARTICLES', 1000)
+    monkeypatch.setattr(pose_history, 'MAX_PARTICLES', 1000)
     history = PoseHistory()
     cloud = PoseSamples.checked(np.zeros((100, 3)))
     for k in range(200):

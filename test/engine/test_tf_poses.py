@@ -3,7 +3,8 @@ import math
 import pytest
 from support.strategies import fan
 
-from ogm_mcmc.engine.placing import ScanPlacer, Unplaceable, Waiting
+from ogm_mcmc.engine.placing import ScanPlacer
+from ogm_mcmc.engine.pose_history import Unplaceable, Waiting
 from ogm_mcmc.engine.tf_poses import TfPoses, guess_frames
 from ogm_mcmc.engine.transform_tree import TransformTree
 from ogm_mcmc.errors import PoseError
