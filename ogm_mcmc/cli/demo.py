@@ -24,8 +24,14 @@ from typing import Any
 from tqdm import tqdm
 
 from ogm_mcmc.cli.demo_input import DemoInput, prepare
-from ogm_mcmc.cli.options import Subparsers, add_config_options, config_from, print_result
-from ogm_mcmc.config import MapperConfig, StopConfig, given
+from ogm_mcmc.cli.options import (
+    Subparsers,
+    add_config_options,
+    add_stream_options,
+    config_from,
+    print_result,
+)
+from ogm_mcmc.config import MapperConfig, PlacingConfig, StopConfig, given
 from ogm_mcmc.errors import BagError, ConfigError, OgmError
 from ogm_mcmc.files.output_files import folder_to_fill
 from ogm_mcmc.io.map_sheet import save_side_by_side
@@ -55,7 +61,8 @@ def add_to(subparsers: Subparsers) -> None:
         '--sampling-time', type=float, default=10.0, metavar='S', help='time for ~/refine, s'
     )
     parser.add_argument('--json', action='store_true', help='print the result as JSON')
-    add_config_options(parser, 'mapping', MapperConfig)
+    add_config_options(parser, 'mapping', MapperConfig, PlacingConfig)
+    add_stream_options(parser)
     parser.set_defaults(run=run)
 
 
@@ -74,7 +81,7 @@ def run(options: argparse.Namespace) -> int:
         folder_to_fill(options.folder.absolute()) as folder,
         tempfile.TemporaryDirectory(prefix='ogm_mcmc-') as scratch,
     ):
-        source = prepare(options.input, folder)
+        source = prepare(options.input, folder, options)
         os.environ.update(
             {
                 # The demo stays on this machine and out of the way of other nodes on it.
@@ -158,7 +165,7 @@ def _mapper_arguments(
     options: argparse.Namespace, source: DemoInput, folder: Path, no_return: str
 ) -> list[str]:
     parameters = {
-        **_common(source, folder),
+        **_common(options, source, folder),
         **given(options, MapperConfig),
         'no_return': no_return,
     }
@@ -171,7 +178,7 @@ def _refiner_arguments(
 ) -> list[str]:
     mapping = config_from(options, MapperConfig)
     parameters = {
-        **_common(source, folder),
+        **_common(options, source, folder),
         'window.resolution': mapping.resolution,
         'window.max_range': mapping.max_range,
         'window.no_return': no_return,
@@ -185,12 +192,18 @@ def _refiner_arguments(
     return _node_arguments('refine_server', parameters, [])
 
 
-def _common(source: DemoInput, folder: Path) -> dict[str, Any]:
-    return {
+def _common(options: argparse.Namespace, source: DemoInput, folder: Path) -> dict[str, Any]:
+    said = {
         'map_frame': source.map_frame,
+        'base_frame': source.base_frame,
         'pose_source': source.pose_source,
+        # What is left of tf is told as parameters: nothing else is sent.
+        'mount_source': 'parameters',
+        'mount.frames': source.mounts,
         'save_directory': str(folder),
+        **given(options, PlacingConfig),
     }
+    return {name: value for name, value in said.items() if value != ''}
 
 
 def _node_arguments(name: str, parameters: dict[str, Any], extra: list[str]) -> list[str]:
@@ -202,14 +215,31 @@ def _node_arguments(name: str, parameters: dict[str, Any], extra: list[str]) -> 
 
 
 def _replay_arguments(options: argparse.Namespace, source: DemoInput, namespace: str) -> list[str]:
-    topics = f'{source.scan_topic},{source.pose_topic}'
-    # The nodes' topic for poses is named like the source: `pose` or `particles`.
-    remap = f'{source.scan_topic}=scan,{source.pose_topic}={source.pose_source}'
+    # The nodes' topic for poses is named like the source: `pose`, `odom`, ...
+    names = dict.fromkeys(source.scan_topics, 'scan')
+    if not source.computed:
+        names[source.pose_topic] = source.pose_source
+    remap = ','.join(f'{old}={new}' for old, new in names.items())
     return [
         *('-m', 'ogm_mcmc.ros.replay', str(source.bag), '--rate', str(options.rate)),
-        *('--topics', topics, '--remap', remap, '--wait', '20', '--wait-topics', '2'),
+        *('--topics', ','.join(names), '--remap', remap, *_computed(options, source)),
+        *('--wait', '20', '--wait-topics', str(len(source.scan_topics) + 1)),
         *('--wait-subscribers', '2', '--progress', '--ros-args', '-r', f'__ns:={namespace}'),
     ]
+
+
+def _computed(options: argparse.Namespace, source: DemoInput) -> list[str]:
+    """Return what tells `replay` of the poses to compute."""
+    if not source.computed:
+        return ['--pose-source', 'none']
+    said = ['--scan-topic', ','.join(source.scan_topics)]
+    if source.computed != 'trajectory':
+        frames = ['--map-frame', source.map_frame, '--base-frame', source.base_frame]
+        return [*said, '--pose-source', source.computed, *frames]
+    said += ['--trajectory', str(options.trajectory)]
+    if options.trajectory_stamps is not None:
+        said += ['--trajectory-stamps', str(options.trajectory_stamps)]
+    return said
 
 
 @contextlib.contextmanager

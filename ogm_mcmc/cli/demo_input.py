@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import argparse
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+from ogm_mcmc.cli.bag_scans import say
 from ogm_mcmc.cli.import_carmen import describe
-from ogm_mcmc.errors import BagError, LogError
-from ogm_mcmc.io import messages, ros_types
+from ogm_mcmc.cli.options import config_from, stream_choice
+from ogm_mcmc.config import MapperConfig, PlacingConfig
+from ogm_mcmc.engine.bag_scans import PlacedScans
+from ogm_mcmc.engine.bag_topics import choose_topics
+from ogm_mcmc.engine.mounts import mounts_setting
+from ogm_mcmc.errors import LogError
 from ogm_mcmc.io.bags import BagReader
 from ogm_mcmc.io.carmen_import import ImportOptions, import_carmen
 from ogm_mcmc.io.recording_bag import write_recording
@@ -22,19 +29,26 @@ BAG_SUFFIXES = ('.bag', '.mcap', '.db3')
 
 
 class DemoInput(NamedTuple):
-    """A bag to replay and what the nodes have to be told about it."""
+    """A bag to replay and what the nodes have to be told about it.
+
+    `pose_source`: of the nodes; `computed`: what `replay` computes poses from, '' where it sends
+    those of `pose_topic` as they are. `mounts`: where sensors sit, as `mount.frames` has it.
+    """
 
     bag: Path
     from_log: bool
-    scan_topic: str
+    scan_topics: tuple[str, ...]
     pose_topic: str
     pose_source: str
+    computed: str
     map_frame: str
+    base_frame: str
+    mounts: str
     n_scans: int
     beams: int  # of the first scan
 
 
-def prepare(path: Path | None, folder: Path) -> DemoInput:
+def prepare(path: Path | None, folder: Path, options: argparse.Namespace) -> DemoInput:
     """Turn whatever was named into a bag, and look into it."""
     from_log = False
     if path is None:
@@ -53,20 +67,35 @@ def prepare(path: Path | None, folder: Path) -> DemoInput:
             describe(import_carmen(path, bag_path, ImportOptions(), overwrite=True)),
             file=sys.stderr,
         )
+    return _looked_into(bag_path, from_log, options)
+
+
+def _looked_into(bag_path: Path, from_log: bool, options: argparse.Namespace) -> DemoInput:
+    """Choose scans and poses as `map` does, and say so."""
+    choice = stream_choice(
+        options, config_from(options, PlacingConfig), config_from(options, MapperConfig)
+    )
     with BagReader(bag_path) as bag:
-        scan = bag.find('scans', (ros_types.SCAN,))
-        try:
-            pose, source = bag.find('poses', (ros_types.POSE,)), 'pose'
-        except BagError:
-            pose, source = bag.find('poses', (ros_types.POSE, ros_types.PARTICLES)), 'particles'
-        first = next(bag.records((pose.name,)), None)
-        if first is None:
-            raise BagError(f'{bag_path}: no message on {pose.name}, although its index names some')
-        frame = messages.frame_of(bag.decode(first))
-        scan_message = next(bag.records((scan.name,)), None)
-        if scan_message is None:
-            raise BagError(f'{bag_path}: no message on {scan.name}, although its index names some')
-        beams = len(bag.decode(scan_message).ranges)
+        topics = choose_topics(bag, replace(choice, sensor='scan'))
+        scans = PlacedScans(bag, topics, choice, tell=say)
+        for line in topics.remarks:
+            say(line)
+        mounts = mounts_setting(scans.sensor_mounts().values())
+        first = next(bag.records((topics.scans[0].name,)))
+        beams = len(bag.decode(first).ranges)
+    # Of the others some need messages that are not installed everywhere.
+    recorded = topics.pose_source in ('pose', 'pose_stamped', 'odom', 'particles')
+    computed = '' if recorded else topics.pose_source
     return DemoInput(
-        bag_path, from_log, scan.name, pose.name, source, frame, scan.n_messages, beams
+        bag_path,
+        from_log,
+        tuple(topic.name for topic in topics.scans),
+        topics.pose_name,
+        topics.pose_source if recorded else 'pose',
+        computed,
+        topics.map_frame,
+        topics.base_frame,
+        mounts,
+        topics.n_scans,
+        beams,
     )

@@ -290,25 +290,28 @@ class MountConfig:
     )
     frames: str = setting(
         '',
-        'other mounts by frame_id of the scan: FRAME X Y YAW; FRAME X Y YAW; ... (m, rad)',
+        'other mounts by frame_id of the scan: FRAME X Y YAW; FRAME X Y YAW upside_down; ... '
+        '(m, rad)',
     )
 
     def __post_init__(self) -> None:
         """Refuse frames that cannot be read."""
         self.named()
 
-    def named(self) -> dict[str, tuple[float, float, float]]:
-        """Return x, y, yaw of the sensors that `frames` names."""
+    def named(self) -> dict[str, tuple[float, float, float, bool]]:
+        """Return x, y, yaw of the sensors that `frames` names, and which hang head down."""
         mounts = {}
         for entry in filter(None, map(str.strip, self.frames.split(';'))):
             frame, *numbers = entry.split()
+            upside_down = numbers[3:] == ['upside_down']
+            numbers = numbers[:3] if upside_down else numbers
             try:
                 x, y, yaw = map(float, numbers)
             except ValueError:
                 x = y = yaw = math.nan
             readable = len(numbers) == 3 and all(map(math.isfinite, (x, y, yaw)))
             require(readable, 'mount.frames', entry, 'expected FRAME X Y YAW')
-            mounts[frame] = (x, y, yaw)
+            mounts[frame] = (x, y, yaw, upside_down)
         return mounts
 
 

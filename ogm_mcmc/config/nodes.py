@@ -212,6 +212,19 @@ class ReplayConfig:
     )
     topics: str = setting('', 'only these topics, separated by commas; empty: all')
     remap: str = setting('', 'OLD=NEW topic names, separated by commas')
+    pose_source: str = setting(
+        'auto',
+        'poses to compute at the stamps of the scans and to publish on `pose`; auto: those of tf '
+        'where tf2_msgs is not installed; none: never',
+        choices=('auto', 'none', *POSE_SOURCES),
+    )
+    trajectory: str = setting(
+        '', 'file with poses to publish on `pose`: TUM, EuRoC, KITTI or g2o; empty: none'
+    )
+    trajectory_stamps: str = setting('', 'file with the stamps, for KITTI and g2o')
+    map_frame: str = setting('', 'poses are computed in this frame of tf; empty: map')
+    base_frame: str = setting('', 'of this frame of tf; empty: base_link')
+    scan_topic: str = setting('', 'scans to compute poses for; empty: every laser of one robot')
     clock: bool = setting(False, 'publish /clock from the times of the recording')
     start: float = setting(0.0, 'skip this many seconds at the beginning, s', low=0.0, high=1e9)
     loop: bool = setting(False, 'start again at the end')

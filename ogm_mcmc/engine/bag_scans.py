@@ -11,7 +11,7 @@ from typing import Any
 from ogm_mcmc.engine.bag_topics import StreamChoice, StreamTopics, choose_topics
 from ogm_mcmc.engine.mounts import MountFound, Mounts
 from ogm_mcmc.engine.placing import PoseSource, RobotScan, ScanPlacer
-from ogm_mcmc.engine.pose_history import PoseHistory
+from ogm_mcmc.engine.pose_history import PoseHistory, Unplaceable, Waiting
 from ogm_mcmc.engine.tf_poses import TfPoses
 from ogm_mcmc.errors import BagError, PoseError, ScanError
 from ogm_mcmc.geometry import PlacedScan, PoseBelief, Scan
@@ -23,6 +23,9 @@ __all__ = ['PlacedScans', 'StreamChoice', 'StreamTopics', 'choose_topics', 'open
 
 # Remarks on so many kinds of oddities; more help nobody.
 MAX_REMARKS = 20
+
+# Poses of a topic kept where all are asked for.
+LONGEST = 10_000_000
 
 
 @dataclass
@@ -114,6 +117,24 @@ class PlacedScans:
                 f'the stamps of {self.topics.scan_names}'
                 + (f'; the first fault: {self.first_fault}' if self.first_fault else '')
             )
+
+    def robot_poses(self) -> PoseSource:
+        """Return all poses of the robot there are, whatever the scans."""
+        source = self.placer.source
+        if isinstance(source, PoseHistory) and self.topics.trajectory is None:
+            source.keep = LONGEST
+            for record in self.bag.records((self.topics.pose_name,)):
+                with contextlib.suppress(PoseError, BagError):
+                    self._take_pose(record)
+        return source
+
+    def sensor_mounts(self) -> dict[str, MountFound]:
+        """Return where each sensor sits, as `mounts` holds it, without reading the scans."""
+        assert self.placer.mounts is not None
+        for frame, stamp_ns in self.topics.sensors:
+            with contextlib.suppress(Waiting, Unplaceable):
+                self.placer.mounts.at(frame, stamp_ns, 0.0)
+        return self.mounts
 
     def _scan(self, record: BagRecord) -> Scan:
         message = self.bag.decode(record)

@@ -23,13 +23,15 @@ __all__ = ['BagSurvey', 'SeenTopic', 'survey', 'topic_namespace', 'transform_top
 class SeenTopic(NamedTuple):
     """A topic with headers: `stamps` (N,) ns of its messages in `frame`, its most frequent one.
 
-    `frames`: all of them, the most frequent first. `child_frame`: of the first message, where
+    `frames`: all of them, the most frequent first, `middle_ns` the stamp of one message of each
+    from the middle. `child_frame`: of the first message, where
     its type has one, or as the bag notes.
     """
 
     topic: BagTopic
     frames: tuple[str, ...]
     stamps: Int64Array
+    middle_ns: tuple[int, ...] = ()
     child_frame: str = ''
 
     @property
@@ -87,10 +89,11 @@ def _child_frame(bag: BagReader, record: BagRecord) -> str:
 def _seen(topic: BagTopic, by_frame: dict[str, array[int]], child: str) -> SeenTopic:
     counts = Counter({frame: len(stamps) for frame, stamps in by_frame.items()})
     frames = tuple(frame for frame, _ in counts.most_common())
-    every = [by_frame[frame] for frame in frames]
-    if topic.msgtype.endswith(('LaserScan', 'Range')):
-        return SeenTopic(topic, frames, np.concatenate([np.array(s, np.int64) for s in every]))
-    return SeenTopic(topic, frames, np.array(every[0], np.int64), child)
+    every = [np.array(by_frame[frame], np.int64) for frame in frames]
+    middle = tuple(int(stamps[stamps.size // 2]) for stamps in every)
+    is_scan = topic.msgtype in (ros_types.SCAN, ros_types.RANGE)
+    stamps = np.concatenate(every) if is_scan else every[0]
+    return SeenTopic(topic, frames, stamps, middle, child)
 
 
 def topic_namespace(name: str) -> str:

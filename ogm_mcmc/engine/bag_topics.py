@@ -82,6 +82,7 @@ class StreamTopics(NamedTuple):
 
     `pose_source` is one of `POSE_SOURCES` or `trajectory`, `pose_name` the topic, tf or the name
     of the file. Poses are those of `base_frame` in `map_frame`. `remarks`: lines for the user.
+    `sensors`: frame of each, and a stamp of one of its scans.
     """
 
     scans: tuple[BagTopic, ...]
@@ -92,6 +93,7 @@ class StreamTopics(NamedTuple):
     tree: TransformTree
     trajectory: Trajectory | None = None
     remarks: tuple[str, ...] = ()
+    sensors: tuple[tuple[str, int], ...] = ()
 
     @property
     def pose_name(self) -> str:
@@ -174,6 +176,7 @@ def _with_poses(
         seen.tree,
         trajectory,
         tuple(remarks),
+        tuple(sensor for one in scans for sensor in zip(one.frames, one.middle_ns, strict=True)),
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import lru_cache
 from typing import NamedTuple
@@ -17,7 +17,7 @@ from ogm_mcmc.engine.transform_tree import TransformError
 from ogm_mcmc.errors import PoseError
 from ogm_mcmc.geometry import SensorMount
 
-__all__ = ['MountFound', 'Mounts', 'names_a_place']
+__all__ = ['MountFound', 'Mounts', 'mounts_setting', 'names_a_place']
 
 # Further lines about mounts help nobody.
 MAX_TOLD = 20
@@ -136,6 +136,16 @@ class Mounts:
             if self._n_told <= MAX_TOLD:
                 self.tell(found)
         return mount
+
+
+def mounts_setting(found: Iterable[MountFound]) -> str:
+    """Return `mount.frames` for mounts that were found."""
+    return '; '.join(
+        f'{one.frame} {one.mount.pose.x_m:.6g} {one.mount.pose.y_m:.6g} '
+        f'{one.mount.pose.yaw_rad:.6g}' + (' upside_down' if one.mount.upside_down else '')
+        for one in found
+        if one.frame
+    )
 
 
 @lru_cache(maxsize=64)

@@ -314,10 +314,11 @@ def sensor_mount(config: MountConfig, frame_id: str = '') -> SensorMount:
     """Return the mount that parameters describe, for the sensor of a frame."""
     named = _named_mounts(config)
     if frame_id in named:
-        return SensorMount(Pose2D(*named[frame_id]))
+        *place, upside_down = named[frame_id]
+        return SensorMount(Pose2D(*place), upside_down)
     return SensorMount(Pose2D(config.x, config.y, config.yaw), config.upside_down)
 
 
 @lru_cache(maxsize=8)
-def _named_mounts(config: MountConfig) -> dict[str, tuple[float, float, float]]:
+def _named_mounts(config: MountConfig) -> dict[str, tuple[float, float, float, bool]]:
     return config.named()

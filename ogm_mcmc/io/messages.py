@@ -27,6 +27,7 @@ from ogm_mcmc.geometry.scan import Remark, say_nothing
 __all__ = [
     'fill_grid_header',
     'fill_grid_update',
+    'fill_pose',
     'frame_of',
     'read_particles',
     'read_path',
@@ -224,6 +225,19 @@ def _in_proportion(weights: list[float]) -> Float64Array:
     if 0.0 < heaviest < math.inf:
         return np.array([weight / heaviest for weight in weights])
     return np.array(weights)
+
+
+def fill_pose(msg: Any, belief: PoseBelief, frame_id: str, stamp_ns: int) -> None:
+    """Fill a geometry_msgs/PoseWithCovarianceStamped; a known pose has a covariance of 0."""
+    msg.header.frame_id = frame_id
+    msg.header.stamp.sec, msg.header.stamp.nanosec = time_parts(stamp_ns)
+    pose, half = msg.pose.pose, 0.5 * belief.mean.yaw_rad
+    pose.position.x, pose.position.y = belief.mean.x_m, belief.mean.y_m
+    pose.orientation.z, pose.orientation.w = math.sin(half), math.cos(half)
+    covariance = np.zeros((6, 6))
+    if belief.covariance is not None:
+        covariance[np.ix_((0, 1, 5), (0, 1, 5))] = belief.covariance
+    msg.pose.covariance = covariance.reshape(36)
 
 
 def fill_grid_header(msg: Any, spec: GridSpec, frame_id: str, stamp_ns: int) -> None:

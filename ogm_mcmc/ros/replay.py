@@ -30,6 +30,9 @@ from ogm_mcmc.errors import BagError, ConfigError
 from ogm_mcmc.files.user_paths import user_path
 from ogm_mcmc.io.bags import BagReader, BagRecord, BagTopic, Offer
 from ogm_mcmc.io.messages import time_parts
+from ogm_mcmc.io.tf_messages import TF_TYPES
+from ogm_mcmc.ros.computed_poses import TOPIC as POSE_TOPIC
+from ogm_mcmc.ros.computed_poses import ComputedPoses, computed_poses
 from ogm_mcmc.ros.pacing import Pacer
 from ogm_mcmc.ros.parameters import ParameterSet
 from ogm_mcmc.ros.running import StopSignal, ros_args_explained, run_node
@@ -76,7 +79,7 @@ class Replay(Node):
 
     Topics are latched and reliable as they were recorded; reliable where a recording says nothing.
     rate 1 keeps the times of the recording, 0 goes as fast as the subscribers keep up: see
-    `ogm_mcmc.ros.pacing`.
+    `ogm_mcmc.ros.pacing`. Poses that cannot be sent are computed: see `computed_poses`.
     """
 
     def __init__(self, bag: Path, **node_options: Any) -> None:
@@ -94,6 +97,7 @@ class Replay(Node):
         self.unheard = False
         self.outlets: dict[str, Publisher] = {}
         self.pacer = Pacer(self, self.outlets)
+        self.poses: ComputedPoses | None = None
         self._wall = 0.0  # when the first message was due, on the steady clock
         self.clock_outlet = (
             self.create_publisher(Clock, '/clock', 10) if self.settings.clock else None
@@ -115,6 +119,10 @@ class Replay(Node):
         """Publish the whole bag, again and again with `loop`; runs in its own thread."""
         with BagReader(self.bag) as bag:
             chosen = self._choose(bag)
+            tf_is_sent = any(topic.msgtype in TF_TYPES for topic in chosen)
+            self.poses = computed_poses(self, bag, self.settings, tf_is_sent=tf_is_sent)
+            if self.poses is not None:
+                chosen = self._without_pose(chosen)
             self._advertise(bag, chosen)
             self._wait_for_subscribers()
             if self.unheard:
@@ -155,6 +163,12 @@ class Replay(Node):
             )
         return usable
 
+    def _without_pose(self, chosen: list[BagTopic]) -> list[BagTopic]:
+        for topic in chosen:
+            if topic.name.lstrip('/') == POSE_TOPIC:
+                self._skip(topic, 'other poses are published there')
+        return [topic for topic in chosen if topic.name.lstrip('/') != POSE_TOPIC]
+
     def _skip(self, topic: BagTopic, reason: str) -> None:
         self.counts.skipped_topics[topic.name] = reason
         self.get_logger().warning(f'{topic.name} is left out: {reason}')
@@ -163,6 +177,8 @@ class Replay(Node):
         renamed = _remaps(self.settings.remap)
         for old in renamed.keys() - {topic.name.lstrip('/') for topic in topics}:
             raise ConfigError(f'remap of {old}: no such topic is published')
+        if self.poses is not None:
+            self.outlets[POSE_TOPIC] = self.poses.outlet
         for topic in topics:
             message_class = _message_class(topic.msgtype)
             # Absolute names become relative, so that namespaces and ROS remaps apply.
@@ -265,6 +281,8 @@ class Replay(Node):
 
     def _publish(self, bag: BagReader, record: BagRecord) -> None:
         publisher = self.outlets[record.topic]
+        if self.poses is not None and self.poses.before(record):
+            self._count(POSE_TOPIC, self.poses.outlet)
         try:
             publisher.publish(bag.cdr(record))
         except (BagError, RCLError) as error:
@@ -272,7 +290,10 @@ class Replay(Node):
             if self.counts.skipped_messages == 1:
                 self.get_logger().warning(f'message left out: {" ".join(str(error).split())}')
             return
-        self.counts.published[record.topic] += 1
+        self._count(record.topic, publisher)
+
+    def _count(self, topic: str, publisher: Publisher) -> None:
+        self.counts.published[topic] += 1
         if self.settings.rate == 0.0:
             self.pacer.sent(publisher, self.stopped)
 

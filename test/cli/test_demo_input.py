@@ -1,0 +1,72 @@
+"""What the demo makes of any bag that `map` takes; no node is started."""
+
+import argparse
+
+import pytest
+from support.transforms import transform
+
+from ogm_mcmc.cli import demo
+from ogm_mcmc.cli.demo import _common, _replay_arguments
+from ogm_mcmc.cli.demo_input import prepare
+from ogm_mcmc.geometry import Pose2D
+from ogm_mcmc.io import ros_types
+
+SECOND = 1_000_000_000
+STAMPS = [20 * SECOND + k * SECOND // 10 for k in range(6)]
+
+
+@pytest.fixture
+def looked_into(write_bag, tmp_path):
+    """Write records, prepare them with options of the demo: (input, options)."""
+
+    def run(records, *arguments, kind='mcap'):
+        parser = argparse.ArgumentParser()
+        demo.add_to(parser.add_subparsers())
+        options = parser.parse_args(['demo', str(write_bag(records, kind)), *arguments])
+        return prepare(options.input, tmp_path, options), options
+
+    return run
+
+
+@pytest.fixture
+def scans(make_scan):
+    return [('/front/scan', stamp, make_scan(stamp)) for stamp in STAMPS]
+
+
+def odometry():
+    return [('/odom', t, ros_types.odometry(t, Pose2D(), 0.0, 0.0)) for t in STAMPS]
+
+
+def test_a_ros_1_bag_with_odometry(looked_into, scans, tmp_path):
+    source, options = looked_into([*scans, *odometry()], kind='ros1')
+    assert (source.pose_source, source.pose_topic, source.computed) == ('odom', '/odom', '')
+    assert (source.map_frame, source.base_frame) == ('odom', 'base_link')
+    assert (source.n_scans, source.beams) == (6, 5)
+    said = ' '.join(_replay_arguments(options, source, '/x'))
+    assert '--topics /front/scan,/odom --remap /front/scan=scan,/odom=odom' in said
+    assert '--pose-source none' in said
+
+
+def test_a_turned_laser_and_tf_only(looked_into, scans, tmp_path):
+    moving = [('/tf', t, transform(t, 'map', 'base_link', 1.0, 0.0, 0.0)) for t in STAMPS]
+    held = ('/tf_static', 1, transform(1, 'base_link', 'laser', 0.2, 0.0, 1.5))
+    source, options = looked_into([*scans, *moving, held], '--max-pose-gap', '3')
+    assert (source.pose_source, source.computed, source.mounts) == (
+        'pose',
+        'tf',
+        'laser 0.2 0 1.5',
+    )
+    said = ' '.join(_replay_arguments(options, source, '/x'))
+    assert '--topics /front/scan --remap /front/scan=scan --scan-topic /front/scan' in said
+    assert '--pose-source tf --map-frame map --base-frame base_link' in said
+    common = _common(options, source, tmp_path)
+    assert common['mount.frames'] == 'laser 0.2 0 1.5'
+    assert common['max_pose_gap'] == 3.0
+
+
+def test_poses_of_a_file(looked_into, scans, tmp_path):
+    path = tmp_path / 'poses.tum'
+    path.write_text('20.0 1 2 0 0 0 0 1\n21.0 1 3 0 0 0 0 1\n')
+    source, options = looked_into([*scans, *odometry()], '--trajectory', str(path))
+    assert (source.pose_source, source.computed) == ('pose', 'trajectory')
+    assert f'--trajectory {path}' in ' '.join(_replay_arguments(options, source, '/x'))
