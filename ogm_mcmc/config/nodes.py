@@ -88,6 +88,13 @@ class IntakeConfig:
         high=86400.0,
         live=True,
     )
+    trajectory_source: str = setting(
+        'path',
+        'where corrected poses of the past come from: path: nav_msgs/Path on trajectory; '
+        'slam_toolbox: its new_node_event and pose_graph; cartographer: its service '
+        'trajectory_query; the last two where their messages are installed',
+        choices=('path', 'slam_toolbox', 'cartographer'),
+    )
     correction_warning: float = setting(
         0.3,
         'a step of map -> odom that moves the robot, or a wall 3 m away, by more than this at '

@@ -14,15 +14,17 @@ from ogm_mcmc.io import messages
 from ogm_mcmc.ros import qos
 from ogm_mcmc.ros.pose_topics import AnyReliability
 from ogm_mcmc.ros.scan_intake import ScanIntake
+from ogm_mcmc.ros.slam_adapters import Read, follow_cartographer, follow_slam_toolbox
 
 __all__ = ['TrajectoryIntake']
 
 
 class TrajectoryIntake:
-    """Subscribes and hands nodes to `apply`, which places scans anew and says how many.
+    """Receives and hands nodes to `apply`, which places scans anew and says how many.
 
     What cannot be used is counted and warned about like any other message; so is a GridError of
-    `apply`.
+    `apply`. Raises ConfigError when `trajectory_source` names a system whose messages are not
+    installed.
     """
 
     def __init__(
@@ -30,37 +32,41 @@ class TrajectoryIntake:
     ) -> None:
         self.intake = intake
         self.apply = apply
-        self.node = node
         self.received = 0
         self.last: Corrected | None = None
-        self._topic = AnyReliability(node, Path, 'trajectory', self.on_path, qos.LATEST)
+        self._topic: AnyReliability | None = None
+        source = intake.settings.trajectory_source
+        if source == 'slam_toolbox':
+            follow_slam_toolbox(node, self.take)
+        elif source == 'cartographer':
+            follow_cartographer(node, intake.settings.map_frame, self.take)
+        else:
+            self._topic = AnyReliability(node, Path, 'trajectory', self.on_path, qos.LATEST)
 
     def adapt(self) -> None:
         """Listen as the publisher speaks."""
-        self._topic.adapt()
+        if self._topic is not None:
+            self._topic.adapt()
 
     def on_path(self, msg: Any) -> None:
         """Take a corrected trajectory."""
+        self.take(messages.frame_of(msg), lambda: messages.read_path(msg))
+
+    def take(self, frame: str, read: Read) -> None:
+        """Take what `read` gives, poses in a frame."""
         self.received += 1
         problems, wanted = self.intake.problems, self.intake.settings.map_frame
-        frame = messages.frame_of(msg)
         if frame != wanted:
             problems.warn(
                 'trajectory_wrong_frame', f'trajectory in frame {frame!r}: expected {wanted!r}'
             )
             return
         try:
-            self.last = self.apply(Nodes(*messages.read_path(msg)))
+            self.last = self.apply(Nodes(*read()))
         except PoseError as error:
             problems.warn('trajectory_invalid', f'trajectory dropped: {error}')
         except GridError as error:
             problems.warn('trajectory_off_map', f'trajectory dropped: {error}')
-        else:
-            last = self.last
-            self.node.get_logger().debug(
-                f'trajectory of {len(msg.poses)} poses: {last.covered} scans covered, '
-                f'{last.moved} placed anew, by up to {last.furthest_m:.2f} m'
-            )
 
     def values(self) -> dict[str, object]:
         """Return what was corrected, for /diagnostics."""

@@ -1,5 +1,6 @@
 """`trajectory`: both nodes place their scans anew; what cannot be used is said."""
 
+import importlib.util
 import math
 import time
 
@@ -12,6 +13,7 @@ from nav_msgs.msg import Path
 from rclpy.parameter import Parameter
 from support.local_ros import Logs, local_node, pose, scan
 
+from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.ros.online_mapper import OnlineMapper
 from ogm_mcmc.ros.refine_server import RefineServer
 
@@ -110,3 +112,19 @@ def test_the_window_of_refine_server_follows_and_bad_messages_are_said():
                    for line in logs.of('warning'))  # fmt: skip
         assert node.corrected.values()['trajectories received'] == 7
         node.worker.close()
+
+
+def test_slam_toolbox_and_cartographer_need_their_messages():
+    """Said in one line where they are not installed."""
+    for source, needed in (
+        ('slam_toolbox', 'slam_toolbox of November 2025'),
+        ('cartographer', 'cartographer_ros_msgs'),
+    ):
+        chosen = parameters(trajectory_source=source, window__resolution=0.1, patch__size=1,
+                            patch__prior='uniform')  # fmt: skip
+        if importlib.util.find_spec(needed.split()[0]) is None:
+            with (
+                pytest.raises(ConfigError, match=f'{needed}.* installed'),
+                local_node(RefineServer, parameter_overrides=chosen),
+            ):
+                pass
