@@ -26,6 +26,7 @@ from ogm_mcmc.evaluation import (
 from ogm_mcmc.geometry import GridMap, PlacedScan
 from ogm_mcmc.io.prior_files import default_prior_file
 from ogm_mcmc.lab.experiments.benchmark_picture import benchmark_with_rays
+from ogm_mcmc.lab.experiments.buildings import INTEL, STATA
 from ogm_mcmc.lab.experiments.datasets import digest_of, run_all
 from ogm_mcmc.lab.experiments.hardware_sets import (
     CELL_PRIOR,
@@ -38,7 +39,6 @@ from ogm_mcmc.lab.experiments.hardware_sets import (
     traditional_map,
     window_box,
 )
-from ogm_mcmc.lab.experiments.intel import INTEL
 from ogm_mcmc.lab.experiments.map_samples import METHODS as POSTERIORS
 from ogm_mcmc.lab.experiments.map_samples import SampledMap, config_of, sample_map
 from ogm_mcmc.lab.experiments.patch_hardware_page import (
@@ -49,7 +49,6 @@ from ogm_mcmc.lab.experiments.patch_hardware_page import (
     part_name,
 )
 from ogm_mcmc.lab.experiments.results import picture_text, row, save_part_pictures, save_picture
-from ogm_mcmc.lab.experiments.stata import STATA
 from ogm_mcmc.lab.experiments.unseen_space import STARTS, unseen
 from ogm_mcmc.plotting import probability_png
 from ogm_mcmc.sensors.forward_model import ForwardModel

@@ -16,6 +16,7 @@ import numpy as np
 
 from ogm_mcmc.config import ForwardModelConfig
 from ogm_mcmc.engine.refinement import hide_uncertain
+from ogm_mcmc.lab.experiments.buildings import INTEL
 from ogm_mcmc.lab.experiments.hardware_sets import (
     CELL_PRIOR,
     THRESHOLD,
@@ -24,7 +25,6 @@ from ogm_mcmc.lab.experiments.hardware_sets import (
     traditional_map,
     window_box,
 )
-from ogm_mcmc.lab.experiments.intel import INTEL
 from ogm_mcmc.lab.experiments.map_samples import METHODS, config_of, sample_map
 from ogm_mcmc.lab.experiments.results import picture_text
 from ogm_mcmc.plotting import probability_png

@@ -11,16 +11,15 @@ from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.geometry import CellBox, PlacedScan, Pose2D
 from ogm_mcmc.io.carmen import LogScan
 from ogm_mcmc.lab.experiments.benchmark_picture import first_cells
+from ogm_mcmc.lab.experiments.buildings import INTEL, STATA
 from ogm_mcmc.lab.experiments.hardware_sets import (
     benchmark_of,
     split,
     traditional_map,
     window_box,
 )
-from ogm_mcmc.lab.experiments.intel import INTEL
 from ogm_mcmc.lab.experiments.patch_hardware import score
 from ogm_mcmc.lab.experiments.recordings import as_scan
-from ogm_mcmc.lab.experiments.stata import STATA
 from ogm_mcmc.lab.experiments.unseen_space import unseen
 
 

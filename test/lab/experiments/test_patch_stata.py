@@ -13,8 +13,8 @@ from support.stata_files import SCAN_US, START_US, laser_poses, write_poses, wri
 from ogm_mcmc.cli.main import run
 from ogm_mcmc.errors import BagError
 from ogm_mcmc.io.stata_import import import_stata
+from ogm_mcmc.lab.experiments.buildings import STATA, read_stata
 from ogm_mcmc.lab.experiments.patch_hardware_page import METHODS
-from ogm_mcmc.lab.experiments.stata import STATA, read_stata
 from ogm_mcmc.simulation import WORLDS, walk
 
 
@@ -42,13 +42,14 @@ def test_one_scan_for_every_pose(stata_data, bases):
     assert len(scans) == 80
     stamps = [1000 * (START_US + 2 * k * SCAN_US) for k in range(80)]
     assert [scan.stamp_ns for scan, _ in scans] == stamps
-    for (scan, (pose, _, _)), laser in zip(scans, laser_poses(bases), strict=True):
-        assert scan.ranges_m.size == 1040
+    for placed, laser in zip(scans, laser_poses(bases), strict=True):
+        assert placed.scan.ranges_m.size == 1040
+        pose = placed.pose
         assert (pose.x_m, pose.y_m) == pytest.approx((laser.x_m, laser.y_m), abs=1e-4)
 
 
 def test_only_as_many_poses_as_published(stata_data, monkeypatch):
-    monkeypatch.setattr('ogm_mcmc.lab.experiments.stata.POSES', 7)
+    monkeypatch.setattr('ogm_mcmc.lab.experiments.buildings.POSES', 7)
     assert len(read_stata(stata_data / STATA.path)) == 7
 
 

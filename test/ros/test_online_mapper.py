@@ -1,0 +1,143 @@
+"""`online_mapper` in the test's own process: messages are handed over, services called directly.
+
+What needs a process, other nodes or DDS is in test_methods.py and test_map_topics.py.
+"""
+
+import math
+from contextlib import ExitStack
+
+import pytest
+
+pytest.importorskip('rclpy', reason='rclpy is not installed: no ROS tests')
+
+from rclpy.parameter import Parameter
+from std_srvs.srv import SetBool, Trigger
+from support.local_ros import Logs, local_node, pose, scan
+
+from ogm_mcmc.errors import ConfigError
+from ogm_mcmc.geometry import CellBox
+from ogm_mcmc.io.map_files import load_map
+from ogm_mcmc.io.tree_files import load_tree
+from ogm_mcmc.ros.online_mapper import OnlineMapper
+
+pytestmark = [pytest.mark.ros]
+
+# The cell of a wall 2 m in front of a robot at (0.05, 0.05), and one on the way there.
+WALL, WAY = CellBox(20, 0, 21, 1), CellBox(10, 0, 11, 1)
+
+
+@pytest.fixture
+def mapper():
+    """Make a node with parameters, 0.1 m cells unless told otherwise."""
+    with ExitStack() as stack:
+
+        def make(**parameters):
+            chosen = {'resolution': 0.1, 'transform_timeout': 0.0, **parameters}
+            overrides = [Parameter(name, value=value) for name, value in chosen.items()]
+            node = stack.enter_context(local_node(OnlineMapper, parameter_overrides=overrides))
+            node.said = Logs(node)
+            return node
+
+        yield make
+
+
+def walk(node, count=10, *, first_s=1.0, ranges=(2.0,)):
+    for k in range(count):
+        node.intake.on_pose(pose(first_s + k, 0.05, 0.05))
+        node.intake.on_scan(scan(first_s + k, ranges))
+
+
+def probability(node, box):
+    return float(node.pipeline.method.probabilities(box)[0, 0])
+
+
+def trigger(service):
+    return service(Trigger.Request(), Trigger.Response())
+
+
+def change(node, name, value):
+    return node.set_parameters([Parameter(name, value=value)])[0]
+
+
+def test_scans_become_a_map_and_a_reset_forgets_it(mapper):
+    node = mapper()
+    walk(node)
+    assert node.pipeline.scans_used == 10
+    assert probability(node, WALL) > 0.99 > 0.01 > probability(node, WAY)
+    assert trigger(node.on_reset).message == 'forgot a map of 10 scans'
+    assert node.pipeline.scans_used == 0
+    walk(node, 1, first_s=20.0)
+    assert node.pipeline.scans_used == 1
+
+
+def test_a_bad_message_is_dropped_and_counted(mapper):
+    node = mapper()
+    walk(node, 2)
+    broken = scan(4.0)
+    broken.angle_increment = math.nan
+    node.intake.on_scan(broken)
+    node.intake.on_pose(pose(5.0, x=math.nan))
+    walk(node, 1, first_s=6.0)
+    assert node.pipeline.scans_used == 3
+    assert node.intake.problems.all() == {'scan_invalid': 1, 'pose_invalid': 1}
+    assert node.said.of('error', 'fatal') == []
+    node.publish_diagnostics()
+
+
+def test_no_scan_is_used_in_a_pause(mapper):
+    node = mapper()
+    assert node.on_pause(SetBool.Request(data=True), SetBool.Response()).success
+    walk(node, 3)
+    assert node.pipeline.scans_used == 0
+    node.on_pause(SetBool.Request(data=False), SetBool.Response())
+    walk(node, 3, first_s=10.0)
+    assert node.pipeline.scans_used == 3
+
+
+def test_a_map_is_saved_with_what_its_method_adds(mapper, tmp_path):
+    node = mapper(method='adaptive', save_directory=str(tmp_path), save_name='floor')
+    nothing = trigger(node.on_save_map)
+    assert (nothing.success, nothing.message) == (
+        False,
+        'no scan was mapped yet: nothing to save',
+    )
+    walk(node)
+    saved = trigger(node.on_save_map)
+    assert (saved.success, saved.message) == (True, str(tmp_path / 'floor.yaml'))
+    assert (load_map(tmp_path / 'floor.yaml').probability == 1.0).any()
+    tree = load_tree(tmp_path / 'floor_tree.npz')
+    assert tree.probabilities(WALL)[0, 0] == probability(node, WALL)
+
+
+def test_a_place_that_cannot_be_written_to_is_an_answer(mapper, tmp_path):
+    (tmp_path / 'taken').write_text('')
+    node = mapper(save_directory=str(tmp_path / 'taken'))
+    walk(node, 1)
+    saved = trigger(node.on_save_map)
+    assert not saved.success
+    assert 'expected a writable folder' in saved.message
+
+
+def test_live_parameters_take_effect_and_others_are_refused(mapper):
+    node = mapper(method='counting')
+    walk(node, 3)
+    for name, value, reason in (
+        ('step.l_occ', 2.0, 'step.l_occ has no effect with method counting'),
+        ('resolution', 0.2, ''),
+        ('max_range', -1.0, ''),
+    ):
+        refused = change(node, name, value)
+        assert not refused.successful
+        assert reason in refused.reason
+    assert change(node, 'counting.show', 'ml').successful
+    assert node.pipeline.config.counting.show == 'ml'
+    assert probability(node, WALL) == 1.0
+    assert change(node, 'free_thresh', 0.1).successful
+    assert node.maps.map.view.output.free_thresh == 0.1
+    assert change(node, 'map_update_interval', 5.0).successful
+    assert node.map_timer.timer_period_ns == 5_000_000_000
+
+
+def test_a_wrong_parameter_ends_the_start_in_one_line(mapper):
+    with pytest.raises(ConfigError, match=r'^[^\n]*free_thresh[^\n]*$'):
+        mapper(free_thresh=0.9, occupied_thresh=0.2)
