@@ -14,7 +14,8 @@ def test_world_and_places():
     assert world.occupied.size == 64_000
     scans = patch_toy.toy_scans(world, np.random.default_rng(1))
     assert len(scans) == 3
-    for scan, (pose, _, _) in scans:
+    for placed in scans:
+        scan, pose = placed.scan, placed.pose
         column, row = world.spec.cell_of(pose.x_m, pose.y_m)
         assert not world.occupied[row - 8 : row + 9, column - 8 : column + 9].any()
         assert scan.ranges_m.size == 180
@@ -30,7 +31,7 @@ def test_robots_are_marked_on_every_map(tmp_path):
     for name in captions:
         with Image.open(tmp_path / name) as picture:
             pixels = np.asarray(picture.convert('RGB'))
-        for _, (pose, _, _) in scans:
+        for pose in (placed.pose for placed in scans):
             # Two pixels a cell of 0.1 m, 200 rows of cells under the title and the legend.
             row, column = TOP + LEGEND + 400 - 20 * pose.y_m, LEFT + 20 * pose.x_m
             assert tuple(pixels[int(row), int(column)]) == (31, 119, 180)
