@@ -33,6 +33,11 @@ class TrajectoryConfig:
     max_range: float = setting(
         30.0, 'points further away than this move no pose, m; 0: none', low=0.0, high=10000.0
     )
+    rescale: bool = setting(
+        True,
+        'estimate one factor for all covariances that come with poses: localizers are shy or too '
+        'sure of themselves',
+    )
     draws: int = setting(
         40, 'trajectories drawn for the standard deviations of poses', low=2, high=10000
     )

@@ -1,6 +1,9 @@
 """What is known of the poses of a recording besides its ranges.
 
-p(x) = prod over k of N(x_k; mean_k, covariance_k) * prod over odometry of N(x_a^-1 x_b; move, C)
+p(x) = prod over k of N(x_k; mean_k, s covariance_k) * prod over odometry of N(x_a^-1 x_b; move, C)
+
+Localizers are shy, or too sure of themselves, as a whole: `s` is one factor for all beliefs that
+say how sure they are, estimated with the poses (`doubt`).
 """
 
 from __future__ import annotations
@@ -10,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ogm_mcmc.arrays import AnyArray, Float64Array, Int64Array
+from ogm_mcmc.arrays import AnyArray, BoolArray, Float64Array, Int64Array
 from ogm_mcmc.geometry import PoseBelief
 from ogm_mcmc.trajectory.points import wrapped, xyyaw
 
@@ -18,6 +21,12 @@ __all__ = ['Linearised', 'Moves', 'PoseFactors', 'relative_poses']
 
 # Particles that agree exactly, or one particle, are no reason to believe a pose to be exact.
 LEAST_SPREAD = np.array([1e-3, 1e-3, 1e-4])
+
+# Of a chi squared variable of three degrees of freedom.
+MEDIAN_OF_SQUARES = 2.366
+
+# So many beliefs have to speak against what all of them say of themselves.
+CAUTION = 10.0
 
 
 class Moves(NamedTuple):
@@ -66,11 +75,15 @@ class Linearised(NamedTuple):
 
 
 class PoseFactors(NamedTuple):
-    """Beliefs, `mean` (K, 3) and `precision` (K, 3, 3), and moves between scans."""
+    """Beliefs, `mean` (K, 3) and `precision` (K, 3, 3), and moves between scans.
+
+    `said` (K,): whether a belief came with a precision of its own.
+    """
 
     mean: Float64Array
     precision: Float64Array
     moves: Moves
+    said: BoolArray
 
     @classmethod
     def of(
@@ -86,15 +99,41 @@ class PoseFactors(NamedTuple):
         """
         mean = xyyaw([belief.mean for belief in beliefs])
         precision = np.empty((len(beliefs), 3, 3))
+        said = np.ones(len(beliefs), np.bool_)
         for k, belief in enumerate(beliefs):
             covariance = belief.covariance
             if belief.particles is not None:
                 mean[k] = xyyaw([belief.particles.mean()])[0]
                 covariance = belief.particles.covariance()
             if covariance is None or not covariance.any():
+                said[k] = False
                 covariance = np.diag(np.square(np.asarray(spread, np.float64)))
             precision[k] = np.linalg.inv(covariance + np.diag(LEAST_SPREAD**2))
-        return cls(mean, precision, Moves.none() if moves is None else moves)
+        return cls(mean, precision, Moves.none() if moves is None else moves, said)
+
+    def doubt(self, poses: Float64Array, blocks: Float64Array) -> float:
+        """Return s: how many times the covariances of beliefs are what poses (K, 3) show.
+
+        blocks  (K, 3, 3) precision of each pose given all others, as far as scans tell
+
+        A step of EM with a median for the mean, so that a few astray do not count: of the squared
+        distances from the beliefs, in their metric, which is 2.366 of 3 degrees of freedom, and
+        what of it the poses leave open; `CAUTION` beliefs are added that are as sure as they say.
+        """
+        if not self.said.any():
+            return 1.0
+        precision = self.precision[self.said]
+        squares = -2.0 * self.of_beliefs(poses)[self.said]
+        left = np.linalg.inv(blocks[self.said] + precision)
+        open_ = float(np.einsum('kij,kji->k', precision, left).mean())
+        shown = float(np.median(squares)) / MEDIAN_OF_SQUARES + open_ / 3.0
+        count = float(np.count_nonzero(self.said))
+        return (count * shown + CAUTION) / (count + CAUTION)
+
+    def doubted(self, factor: float) -> PoseFactors:
+        """Return the factors with so many times the covariances of beliefs that say any."""
+        scale = np.where(self.said, factor, 1.0)
+        return self._replace(precision=self.precision / scale[:, None, None])
 
     def off(self, poses: Float64Array) -> Float64Array:
         """Return how far poses (K, 3) are from the means, yaw the short way round."""

@@ -29,6 +29,9 @@ STAGES = (
     Stage(side_m=0.2, cut_m=0.05, flatness=0.3, steps=8),
 )
 
+# Poses are good enough by then to show how good their beliefs were.
+RESCALED_FROM_M = 0.4
+
 # Stages that a search begins with, and that its look-up of astray scans is followed by.
 SEARCH_STAGES = STAGES[:2]
 
@@ -69,6 +72,7 @@ class TrajectoryRefinement:
         self.points = ScanPoints.of([scan for scan, _ in placed], self.config.max_range)
         beliefs = [belief for _, belief in placed]
         self.factors = PoseFactors.of(beliefs, self.config.standard_deviations, moves)
+        self._said = self.factors
         self.order: Int64Array = np.asarray(
             np.arange(len(placed)) if order is None else order, np.int64
         )
@@ -116,6 +120,9 @@ class TrajectoryRefinement:
         for _ in range(stage.steps):
             before = self.poses
             self.poses, self._system = align(self.points, before, self.factors, stage)
+            if self.config.rescale and stage.side_m <= RESCALED_FROM_M:
+                said = self._said
+                self.factors = said.doubted(said.doubt(self.poses, self._system.blocks))
             yield self._progress('aligned', stage.side_m, self.poses - before)
 
     def _drawing(self, stage: Stage) -> Iterator[TrajectoryProgress]:

@@ -81,3 +81,40 @@ def test_a_covariance_of_zeros_is_none_at_all() -> None:
     said = PoseFactors.of([PoseBelief(Pose2D(), np.zeros((3, 3)))], (0.3, 0.3, 0.1))
     unsaid = PoseFactors.of([PoseBelief(Pose2D())], (0.3, 0.3, 0.1))
     np.testing.assert_array_equal(said.precision, unsaid.precision)
+
+
+def beliefs_off_by(times: float, count: int = 400) -> tuple[PoseFactors, np.ndarray]:
+    """Return factors of beliefs that are off by so many times what they say, and the truth."""
+    rng = np.random.default_rng(8)
+    root = np.array([[0.1, 0.0, 0.0], [0.05, 0.2, 0.0], [0.01, 0.0, 0.03]])
+    truth = rng.normal(size=(count, 3))
+    off = times * rng.normal(size=(count, 3)) @ root.T
+    beliefs = [PoseBelief(Pose2D(*pose), root @ root.T) for pose in truth + off]
+    return PoseFactors.of(beliefs, (0.3, 0.3, 0.1)), truth
+
+
+@pytest.mark.parametrize('times', [0.5, 1.0, 3.0])
+def test_poses_show_how_good_beliefs_are(times: float) -> None:
+    said, truth = beliefs_off_by(times)
+    sure = np.tile(1e9 * np.eye(3), (len(truth), 1, 1))
+    found = said.doubt(truth, sure)
+    assert np.sqrt(found) == pytest.approx(times, rel=0.1)
+    doubted = said.doubted(found)
+    np.testing.assert_allclose(doubted.precision, said.precision / found)
+    # Of itself, not of what it was made into: again is the same.
+    assert doubted.doubt(truth, sure) == pytest.approx(1.0, abs=0.15)
+
+
+def test_scans_that_tell_nothing_leave_beliefs_as_they_are() -> None:
+    said, _ = beliefs_off_by(2.0)
+    nothing = np.zeros((len(said.mean), 3, 3))
+    assert said.doubt(said.mean, nothing) == pytest.approx(1.0)
+
+
+def test_few_beliefs_are_not_doubted_much_and_unsaid_ones_never() -> None:
+    said, truth = beliefs_off_by(0.0, count=2)
+    sure = np.tile(1e9 * np.eye(3), (2, 1, 1))
+    assert said.doubt(truth, sure) == pytest.approx(10.0 / 12.0, rel=1e-3)
+    unsaid = PoseFactors.of([PoseBelief(Pose2D())], (0.3, 0.3, 0.1))
+    assert unsaid.doubt(np.ones((1, 3)), sure[:1]) == 1.0
+    np.testing.assert_array_equal(unsaid.doubted(9.0).precision, unsaid.precision)

@@ -59,3 +59,16 @@ def test_nothing_to_refine_is_refused() -> None:
         TrajectoryRefinement([])
     with pytest.raises(ConfigError, match='spread'):
         TrajectoryConfig(spread=0.0)
+
+
+def test_a_shy_localizer_is_believed_more_than_it_says() -> None:
+    beliefs = [PoseBelief(pose, 16.0 * SPREAD) for pose in poses_of(START)]
+    placed = list(zip(SCANS, beliefs, strict=True))
+    said = np.linalg.inv(16.0 * SPREAD + np.diag(np.square([1e-3, 1e-3, 1e-4])))
+    for rescale in (True, False):
+        one = TrajectoryRefinement(placed, TrajectoryConfig(draws=2, rescale=rescale))
+        for _ in one.run():
+            pass
+        # Ten beliefs speak against ten more that are taken to be as sure as they say.
+        ratio = one.factors.precision[0, 0, 0] / said[0, 0]
+        assert ratio == pytest.approx(1.8 if rescale else 1.0, abs=0.3 * rescale)

@@ -30,7 +30,9 @@ from ogm_mcmc.lab.experiments import (
     counting,
     gibbs_1d,
     gibbs_2d,
+    joint_csail,
     joint_intel,
+    joint_sim,
     patch_hardware,
     patch_mutual_information,
     patch_sim,
@@ -58,7 +60,9 @@ EXPERIMENTS: dict[str, Run] = {
     'counting': counting.run,
     'gibbs-1d': gibbs_1d.run,
     'gibbs-2d': gibbs_2d.run,
+    'joint-csail': joint_csail.run,
     'joint-intel': joint_intel.run,
+    'joint-sim': joint_sim.run,
     'patch-intel': patch_hardware.run_intel,
     'patch-mutual-information': patch_mutual_information.run,
     'patch-sim': patch_sim.run,
@@ -70,4 +74,4 @@ EXPERIMENTS: dict[str, Run] = {
 }
 
 # Those whose work goes through `run_all`. The others take seconds, or time what they do.
-SPREAD = ('gibbs-2d', 'patch-intel', 'patch-sim', 'patch-stata', 'pose-sim')
+SPREAD = ('gibbs-2d', 'joint-sim', 'patch-intel', 'patch-sim', 'patch-stata', 'pose-sim')

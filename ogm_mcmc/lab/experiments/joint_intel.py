@@ -106,8 +106,11 @@ def read_recorded(folder: Path) -> Recorded:
 
 def starts_of(
     recorded: Recorded, seed: int
-) -> list[tuple[str, Float64Array, tuple[float, float, float]]]:
-    """Return name, poses (K, 3) and their standard deviations (m, m, rad) of every start."""
+) -> list[tuple[str, Float64Array, Sequence[float] | None]]:
+    """Return name, poses (K, 3) and their standard deviations (m, m, rad) of every start.
+
+    Of the given poses none are known.
+    """
     given = recorded.given
     noise = np.random.default_rng(seed).normal(size=given.shape)
     share = np.empty(len(given))
@@ -117,7 +120,7 @@ def starts_of(
         axis=1,
     )
     return [
-        ('given', given, (0.3, 0.3, 0.1)),
+        ('given', given, None),
         ('noise', given + noise * (0.05, 0.05, ONE_DEGREE), (0.05, 0.05, ONE_DEGREE)),
         ('drift', given + drift, (0.3, 0.3, 0.1)),
         ('rough', recorded.rough, (0.5, 0.5, 0.1)),
@@ -127,11 +130,11 @@ def starts_of(
 def refined(
     recorded: Recorded,
     start: Float64Array,
-    spread: Sequence[float],
+    spread: Sequence[float] | None,
     config: TrajectoryConfig,
 ) -> Float64Array:
     """Return the poses (K, 3) that the even beams lead to."""
-    covariance = np.diag(np.square(np.asarray(spread)))
+    covariance = None if spread is None else np.diag(np.square(np.asarray(spread)))
     placed = [
         (every_other(scan, 0), PoseBelief(pose, covariance))
         for scan, pose in zip(recorded.scans, poses_of(start), strict=True)

@@ -46,7 +46,18 @@ from ogm_mcmc.simulation import (
     record_localized,
 )
 
-__all__ = ['FILTERS', 'covariance_of', 'figure_2', 'likeliest', 'pooled', 'run', 'score']
+__all__ = [
+    'FILTERS',
+    'THRESHOLDS',
+    'covariance_of',
+    'figure_2',
+    'likeliest',
+    'localized',
+    'mapper_config',
+    'pooled',
+    'run',
+    'score',
+]
 
 BEAMS, REACH_M, NOISE_M, CELL_M = 360, 7.5, 0.03, 0.1
 DROPOUT = 0.0
@@ -160,9 +171,9 @@ NOTES = [
 def score(building: int, run: int, which: str, seed: int) -> dict[str, Any]:
     """Map one exploration with and without pose uncertainty."""
     world = generate_floor(building, seed)
-    scans = _localized(world, FILTERS[which], np.random.default_rng((seed, building, run, 6)))
+    scans = localized(world, FILTERS[which], np.random.default_rng((seed, building, run, 6)))
     believed = [one.placed for one in scans]
-    plain = _config()
+    plain = mapper_config()
     averaging = replace(plain, method='pose_uncertain')
     maps = {
         name: aligned(map_of(placed, config), world.truth())
@@ -213,15 +224,17 @@ def covariance_of(rng: np.random.Generator) -> Float64Array:
     return np.asarray(unit * np.outer(scale, scale), np.float64)
 
 
-def _config() -> MapperConfig:
+def mapper_config() -> MapperConfig:
+    """Return how all maps but that of all particles are made."""
     return MapperConfig(
         resolution=CELL_M, inverse_model='gaussian', gaussian=GaussianModelConfig(sigma=NOISE_M)
     )
 
 
-def _localized(
+def localized(
     world: GridWorld, localizer: Localizer, rng: np.random.Generator
 ) -> list[LocalizedScan]:
+    """Return the scans of an exploration with what the filter believes."""
     lidar = Lidar(BEAMS, range_min_m=0.0, range_max_m=REACH_M, noise_m=NOISE_M, dropout=DROPOUT)
     exploration = Exploration(reach=REACH_M / CELL_M, max_stops=MAX_STOPS)
     return list(

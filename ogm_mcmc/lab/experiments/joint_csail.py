@@ -1,0 +1,140 @@
+"""Poses and map of MIT CSAIL together, from the particles that a SLAM system believed in.
+
+The scans and particles are those of `pose-particles`. Every method maps the even beams of all
+scans; only even beams move a pose. Odd beams judge, each method at its own poses: that asks
+whether map and poses agree, and needs no benchmark made by one of the contestants. ROC curves
+against the map of the final trajectory of the SLAM system stand beside it: they punish whatever
+is put elsewhere than that trajectory has it, right or wrong.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ogm_mcmc.arrays import Float64Array
+from ogm_mcmc.config import ForwardModelConfig, MapperConfig, TrajectoryConfig
+from ogm_mcmc.engine.live_map import map_of
+from ogm_mcmc.evaluation import aligned, beam_log_likelihood, confusion_counts
+from ogm_mcmc.evaluation.trajectories import absolute_errors
+from ogm_mcmc.geometry import GridMap, PlacedScan
+from ogm_mcmc.lab.experiments.joint_intel import every_other
+from ogm_mcmc.lab.experiments.pose_particles import LOG, Believed, read_log
+from ogm_mcmc.lab.experiments.recordings import data_folder
+from ogm_mcmc.lab.experiments.results import row, save_picture
+from ogm_mcmc.plotting import Series, curves_png
+from ogm_mcmc.sensors.forward_model import ForwardModel
+from ogm_mcmc.trajectory import TrajectoryRefinement
+from ogm_mcmc.trajectory.points import poses_of, xyyaw
+
+__all__ = ['run']
+
+JUDGE = ForwardModelConfig(sigma=0.05)
+LIKELIEST, MEAN, ALL = 'likeliest particle', 'mean pose', 'all particles (pose_uncertain)'
+FINAL, JOINT = 'final trajectory', 'joint'
+
+NOTES = [
+    'All particles: the map of pose_uncertain, odd beams from the mean pose.',
+    'The final trajectory is what the SLAM system (GMapping) came to after all loops.',
+    'Log recorded at MIT CSAIL by Cyrill Stachniss (Radish, CC-BY).',
+]
+
+
+class Mapped(NamedTuple):
+    """A map of even beams, and the poses (K, 3) from which odd ones are cast."""
+
+    grid_map: GridMap
+    poses: Float64Array
+
+
+def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
+    """Refine the whole log; quick: its first hundred scans."""
+    believed = read_log(data_folder(LOG, f'OGM_MCMC_DATA to name a folder with {LOG}') / LOG)
+    if quick:
+        believed = believed[:100]
+    settings = TrajectoryConfig(seed=seed)
+    refinement = refined(believed, settings)
+    maps = maps_of(believed, refinement.poses)
+    rows = [row(f'{name}: nats an odd beam', nats_of(believed, one)) for name, one in maps.items()]
+    found, curves = by_benchmark(believed, maps)
+    save_picture(
+        folder / 'roc.png',
+        curves_png(curves, 'false positive rate', 'true positive rate', x_limits=(0.0, 0.3)),
+    )
+    final = maps[FINAL].poses
+    for name in (LIKELIEST, JOINT):
+        errors = absolute_errors(maps[name].poses, final).summary()
+        remark = f'{errors["mean_deg"]:.3f} degrees, after rigid alignment'
+        rows.append(row(f'{name}: from the final trajectory, m', errors['mean_m'], None, remark))
+    return {
+        'rows': [*rows, *found],
+        'pictures': {'roc.png': 'ROC curves against the map of the final trajectory'},
+        'settings': {**asdict(settings), 'scans': len(believed), 'resolution_m': 0.05},
+        'notes': NOTES,
+    }
+
+
+def refined(believed: Sequence[Believed], settings: TrajectoryConfig) -> TrajectoryRefinement:
+    """Return the poses that the even beams lead to."""
+    placed = [(every_other(one.placed.scan, 0), one.placed.belief) for one in believed]
+    refinement = TrajectoryRefinement(placed, settings)
+    for _ in refinement.run():
+        pass
+    return refinement
+
+
+def maps_of(believed: Sequence[Believed], joint: Float64Array) -> dict[str, Mapped]:
+    """Map the even beams with every method."""
+    plain = MapperConfig(resolution=0.05, no_return='ignore')
+    averaging = replace(plain, method='pose_uncertain')
+    scans = [every_other(one.placed.scan, 0) for one in believed]
+    poses = {
+        LIKELIEST: xyyaw([one.likeliest for one in believed]),
+        MEAN: xyyaw([one.placed.pose for one in believed]),
+        JOINT: joint,
+        FINAL: xyyaw([one.known for one in believed]),
+    }
+    maps = {
+        name: Mapped(map_of(map(PlacedScan.at, scans, poses_of(found)), plain), found)
+        for name, found in poses.items()
+    }
+    uncertain = (
+        PlacedScan(scan, one.placed.belief) for scan, one in zip(scans, believed, strict=True)
+    )
+    maps[ALL] = Mapped(map_of(uncertain, averaging), poses[MEAN])
+    return maps
+
+
+def nats_of(believed: Sequence[Believed], mapped: Mapped) -> float:
+    """Return the mean log-likelihood of an odd beam."""
+    scans = [every_other(one.placed.scan, 1) for one in believed]
+    placed = list(map(PlacedScan.at, scans, poses_of(mapped.poses)))
+    model, prior = ForwardModel.from_config(JUDGE), MapperConfig().prior
+    beams = beam_log_likelihood(mapped.grid_map, placed, model, prior=prior, no_return='ignore')
+    return float(beams.mean())
+
+
+def by_benchmark(
+    believed: Sequence[Believed], maps: dict[str, Mapped]
+) -> tuple[list[dict[str, Any]], list[Series]]:
+    """Compare with the map that all beams make at the final trajectory."""
+    placed = [PlacedScan.at(one.placed.scan, one.known) for one in believed]
+    benchmark = map_of(placed, MapperConfig(resolution=0.05, no_return='ignore')).cropped()
+    counted = np.isfinite(benchmark.probability)
+    occupied = benchmark.probability[counted] >= 0.5
+    rows, curves = [], []
+    for name, mapped in maps.items():
+        if name == FINAL:
+            continue
+        found = aligned(mapped.grid_map.cropped(), benchmark)
+        counts = confusion_counts(np.nan_to_num(found[counted], nan=0.5), occupied)
+        rows += [
+            row(f'{name}: ROC area', counts.roc_area()),
+            row(f'{name}: best F1', counts.best().f1),
+        ]
+        curves.append(Series(name, counts.false_positive_rate(), counts.recall()))
+    return rows, curves
