@@ -35,6 +35,10 @@ class IntakeHealth:
         self._scan_s = self._pose_s = self._used_s = float('-inf')
         self._logged = ''
 
+    def begin(self) -> None:
+        """Begin to wait: now is the time from which on something could have come."""
+        self._started = time.monotonic()
+
     def scan_came(self) -> None:
         """Note a scan."""
         self._scan_s = time.monotonic()

@@ -121,6 +121,7 @@ class ScanIntake:
 
     def subscribe(self) -> None:
         """Begin to receive."""
+        self.watch.begin()
         subscribe = self.node.create_subscription
         if self.sonar:
             subscribe(Range, 'range', self.on_range, qos.SENSOR)

@@ -117,6 +117,13 @@ def test_a_start_is_quiet_for_a_while(node, watch, clock):
     assert text.startswith('waiting: ')
 
 
+def test_what_came_before_it_began_does_not_count(watch, clock):
+    """Kernels may take long to compile."""
+    clock.now += 60.0
+    watch.begin()
+    assert watch.judge(10.0).level == WARN
+
+
 def test_who_is_paused_misses_nothing(watch, clock):
     clock.now += 100.0
     assert watch.judge(10.0, paused=True) == (OK, 'paused')

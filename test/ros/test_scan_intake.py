@@ -25,6 +25,7 @@ from ogm_mcmc.config import MountConfig, PlacingConfig
 from ogm_mcmc.config.nodes import IntakeConfig
 from ogm_mcmc.config.pose_sources import POSE_SOURCES
 from ogm_mcmc.errors import ConfigError
+from ogm_mcmc.ros import qos
 from ogm_mcmc.ros.scan_intake import ScanIntake
 
 pytestmark = [pytest.mark.ros]
@@ -198,6 +199,38 @@ def test_a_reliable_publisher_is_heard_reliably(node):
     node.until(lambda: taken.intake.counts['poses_received'] == 50)
     assert taken.logs.of('warning') == []
     node.destroy_publisher(publisher)
+
+
+@pytest.mark.parametrize('source', ['tf', 'odom'])
+def test_transforms_on_the_wire(node, source):
+    """The messages themselves: a latched static publisher and a moving one are heard."""
+    tf2_msgs = pytest.importorskip(
+        'tf2_msgs.msg', reason='tf2_msgs is not installed (not on PyPI)'
+    )
+    from geometry_msgs.msg import TransformStamped
+
+    def message(parent, child, time_s, x):
+        one = TransformStamped(child_frame_id=child)
+        one.header.frame_id = parent
+        one.header.stamp.sec = time_s
+        one.transform.translation.x = x
+        return tf2_msgs.TFMessage(transforms=[one])
+
+    static = node.create_publisher(tf2_msgs.TFMessage, '/tf_static', qos.TF_STATIC)
+    static.publish(message('base_link', 'laser', 0, 0.5))
+    moving = node.create_publisher(tf2_msgs.TFMessage, '/tf', 100)
+    taken = Bench(node, pose_source=source, transform_timeout=5.0)
+    taken.intake.subscribe()
+    node.until(lambda: 'laser' in taken.intake.transforms.tree.frames())
+    node.until(lambda: moving.get_subscription_count() > 0)
+    moving.publish(message('map', 'base_link', 1, 1.0))
+    taken.intake.on_scan(scan(1.0))
+    if source == 'odom':
+        taken.intake.on_pose(odometry(1.0, x=1.0))
+    node.until(lambda: len(taken.used) == 1)
+    assert taken.where == [approx((1.5, 0.0, 0.0))]
+    for publisher in (static, moving):
+        node.destroy_publisher(publisher)
 
 
 # -- where sensors sit ----------------------------------------------------------------------
