@@ -11,7 +11,7 @@ import numpy.typing as npt
 from ogm_mcmc.arrays import AnyArray, Float32Array, Float64Array, Int64Array
 from ogm_mcmc.config import RandomFieldConfig
 from ogm_mcmc.errors import GridError, require
-from ogm_mcmc.mapping.gaussian_field_kernels import take_in
+from ogm_mcmc.mapping.gaussian_field_kernels import predict, take_in
 
 __all__ = [
     'FieldArrays',
@@ -26,6 +26,9 @@ __all__ = [
 Int32Array = npt.NDArray[np.int32]
 
 MAX_ROWS = 2**31 - 1
+
+# A covariance of a point with a cell that is as good as none.
+NOTHING = 1e-14
 
 
 class FieldArrays(NamedTuple):
@@ -45,7 +48,7 @@ class FieldArrays(NamedTuple):
 
 
 class Prediction(NamedTuple):
-    """Posterior mean and variance (height, width) of a field, nats."""
+    """Posterior mean and variance of a field, nats: cells (height, width), or points (N,)."""
 
     mean: Float64Array
     variance: Float64Array
@@ -204,6 +207,28 @@ class GaussianField:
         reached = row_of >= 0
         variance[reached] = self.arrays.rows[row_of[reached], 0, self.radius]
         return np.maximum(variance, 0.0)
+
+    def at(self, points: Float64Array) -> Prediction:
+        """Predict at any points (N, 2): row and column, cells; 0.5 is the centre of cell 0.
+
+        Returns mean and variance (N,). Equal to Eq. 21 of [field] with the points in it where no
+        element is dropped; else off by what is dropped, the mean by up to 2 pi l / sigma^2 times
+        as much as at cells.
+        """
+        mean, variance = np.empty(len(points)), np.empty(len(points))
+        reach = math.sqrt(-2.0 * self.config.length_scale * math.log(NOTHING))
+        predict(
+            self.arrays,
+            self.radius,
+            float(self.config.variance),
+            float(self.config.mean),
+            float(self.config.length_scale),
+            reach,
+            np.ascontiguousarray(points, np.float64),
+            mean,
+            variance,
+        )
+        return Prediction(mean, np.clip(variance, 0.0, 1.0))
 
     @property
     def n_bytes(self) -> int:

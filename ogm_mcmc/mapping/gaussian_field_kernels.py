@@ -9,6 +9,8 @@ Nothing is checked: cells must lie inside the field, and there must be room for
 (2 radius + 1)^2 more rows.
 """
 
+import math
+
 import numpy as np
 from numba import njit
 
@@ -113,3 +115,45 @@ def take_in(field, radius, variance, observed, row0, column0, start):
                 revise(field, radius, variance, row, column, change, around)
             taken[row, column] = value
     return observed.shape[0]
+
+
+@njit(cache=True, nogil=True)
+def predict(field, radius, variance, prior_mean, length_scale, reach, points, mean, doubt):
+    """Mean and variance of the field at any points, from its values at observed cells.
+
+    With n the observed cells and k the covariances of a point with them ([field] Eq. 21 with the
+    point in it):
+    l = mu + k^T a,  a = (K_nn + sigma^2 I)^-1 (O - mu) = (O - l_n) / sigma^2
+    v = 1 - k^T (K_nn + sigma^2 I)^-1 k = 1 - k^T (k - D_nn k / sigma^2) / sigma^2
+    points  (N, 2) row and column, cells, 0.5 is the centre of cell 0; reach  cells, beyond which
+    k is taken as 0; mean, doubt  (N,) output
+    """
+    height, width = field.row_of.shape
+    side = 2 * radius + 1
+    around = np.empty((side, side), np.float64)
+    for n in range(points.shape[0]):
+        y, x = points[n, 0] - 0.5, points[n, 1] - 0.5
+        first_row, last_row = max(0, math.ceil(y - reach)), min(height, math.floor(y + reach) + 1)
+        first, last = max(0, math.ceil(x - reach)), min(width, math.floor(x + reach) + 1)
+        near = np.zeros((max(0, last_row - first_row), max(0, last - first)))
+        for r in range(first_row, last_row):
+            for c in range(first, last):
+                if field.taken[r, c] == field.taken[r, c]:
+                    squared = (r - y) ** 2 + (c - x) ** 2
+                    near[r - first_row, c - first] = math.exp(-squared / (2.0 * length_scale))
+        total, known = prior_mean, 0.0
+        for r in range(first_row, last_row):
+            for c in range(first, last):
+                k = near[r - first_row, c - first]
+                if k == 0.0:
+                    continue
+                total += k * (np.float64(field.taken[r, c]) - field.mean[r, c]) / variance
+                gather(field, radius, r, c, around)
+                carried = 0.0
+                for i in range(max(first_row, r - radius), min(last_row, r + radius + 1)):
+                    for j in range(max(first, c - radius), min(last, c + radius + 1)):
+                        carried += (
+                            around[i - r + radius, j - c + radius] * near[i - first_row, j - first]
+                        )
+                known += k * (k - carried / variance) / variance
+        mean[n], doubt[n] = total, 1.0 - known

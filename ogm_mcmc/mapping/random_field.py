@@ -11,7 +11,7 @@ from ogm_mcmc.config import MapperConfig
 from ogm_mcmc.errors import GridError
 from ogm_mcmc.geometry import CellBox, GridSpec, PlacedScan
 from ogm_mcmc.mapping.extras import Extras
-from ogm_mcmc.mapping.gaussian_field import GaussianField, stencil_radius
+from ogm_mcmc.mapping.gaussian_field import GaussianField, Prediction, stencil_radius
 from ogm_mcmc.mapping.two_assumption import TwoAssumptionMapper
 
 __all__ = ['RandomFieldMapper']
@@ -115,6 +115,16 @@ class RandomFieldMapper:
     def variance(self, box: CellBox) -> Float64Array:
         """Variance of the log-odds, where 1 is that of a cell far from anything measured."""
         return self._refresh().variance(*self._slices(box))
+
+    def at(self, points_m: Float64Array) -> Prediction:
+        """Log-odds and their variance (N,) at any points (N, 2) of the map frame, m.
+
+        [field] III: points need not be chosen at regular distances. Far from all that was
+        measured they are those of the field before any observation.
+        """
+        field, spec = self._refresh(), self.observed.spec
+        corner = np.array([spec.column0 - field.radius, spec.row0 - field.radius])
+        return field.at((points_m / spec.resolution_m - corner)[:, ::-1])
 
     def extras(self, box: CellBox) -> Extras:
         """Return the variance of every cell."""

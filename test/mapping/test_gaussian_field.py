@@ -146,6 +146,54 @@ def test_an_observation_may_be_revised(observed, config, seed):
     is_solution(field, observed, config)
 
 
+# -- any point ----------------------------------------------------------------------------------
+
+
+def solve_points(observed, points, config):
+    """[field] Eq. 21 with the points in it, as one linear system; nothing dropped."""
+    known = ~np.isnan(observed)
+    cells = np.argwhere(known) + 0.5
+
+    def between(a, b):
+        return covariance(((a[:, None] - b) ** 2).sum(axis=-1), config.length_scale)
+
+    system = between(cells, cells) + config.variance * np.eye(len(cells))
+    gain = np.linalg.solve(system, between(cells, points)).T
+    mean = config.mean + gain @ (observed[known] - config.mean)
+    return mean, 1.0 - (gain * between(points, cells)).sum(axis=1)
+
+
+@given(observed=observations(), config=configs, seed=st.integers(0, 1000))
+@settings(REPEATABLE, max_examples=60)
+def test_any_point_as_in_the_linear_system(observed, config, seed):
+    """Points beside, between and upon the centres of cells, and outside of the field."""
+    field = whole(observed, config)
+    field.observe(observed)
+    points = np.random.default_rng(seed).uniform(-4.0, 10.0, (12, 2))
+    points[0] = 0.5, 0.5
+    mean, variance = solve_points(observed, points, config)
+    found = field.at(points)
+    assert found.mean == approx(mean, abs=1e-9)
+    assert found.variance == approx(np.clip(variance, 0.0, 1.0), abs=1e-9)
+    assert found.mean[0] == approx(field.mean[0, 0], abs=1e-9)
+
+
+def test_points_four_times_as_dense_as_cells():
+    """The figures of [field]: length scales 0.5 to 2, variances 0.03 and 0.3."""
+    observed = room()[:20, 8:28]
+    axis = np.arange(0.125, 20.0, 0.25)
+    points = np.stack(np.meshgrid(axis, axis, indexing='ij'), axis=-1).reshape(-1, 2)
+    for length_scale in (0.5, 1.0, 2.0):
+        for noise in (0.03, 0.3):
+            config = RandomFieldConfig(length_scale=length_scale, variance=noise)
+            field = GaussianField(20, 20, config, radius=20)
+            field.observe(observed)
+            mean, variance = solve_points(observed, points, config)
+            found = field.at(points)
+            assert found.mean == approx(mean, abs=1e-9)
+            assert found.variance == approx(variance, abs=1e-9)
+
+
 # -- elements dropped ---------------------------------------------------------------------------
 
 

@@ -75,6 +75,19 @@ def test_cells_beside_a_beam_are_predicted_and_those_far_off_unknown():
     assert method.probabilities(CellBox(8, 1, 9, 2))[0, 0] > 0.5
 
 
+def test_centres_of_cells_are_points_like_others():
+    method = mapper(field=RandomFieldConfig(length_scale=0.5), radius=20)
+    method.update(PlacedScan(fan(8.0, 7.0, increment=0.3), at(0.5, 0.5, 0.2)))
+    box = CellBox(-2, -3, 10, 5)
+    columns, rows = np.meshgrid(np.arange(-2, 10), np.arange(-3, 5))
+    centres = np.stack((columns, rows), axis=-1).reshape(-1, 2) + 0.5
+    found = method.at(centres)
+    assert found.mean == approx(method.log_odds(box).ravel(), abs=1e-9)
+    assert found.variance == approx(method.variance(box).ravel(), abs=1e-9)
+    far = method.at(np.array([[1e4, -1e4]]))
+    assert (far.mean[0], far.variance[0]) == (0.0, 1.0)
+
+
 @pytest.mark.parametrize(('limit', 'rows'), [(0.0, 1), (1.0, 9)])
 def test_ends_of_the_variance_scale(limit, rows):
     """0: measured cells alone; 1: every cell that an observation reaches, and no other."""
