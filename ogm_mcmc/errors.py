@@ -13,6 +13,7 @@ __all__ = [
     'MapFileError',
     'OgmError',
     'OutputError',
+    'PointsError',
     'PoseError',
     'PriorError',
     'ScanError',
@@ -51,6 +52,10 @@ class LogError(OgmError, ValueError):
 
 class MapFileError(OgmError, ValueError):
     """A map file that cannot be read."""
+
+
+class PointsError(OgmError, ValueError):
+    """A file of points that cannot be read."""
 
 
 class WindowError(OgmError, ValueError):

@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+from ogm_mcmc.arrays import Float64Array
 from ogm_mcmc.cli.bag_scans import placed_scans
 from ogm_mcmc.cli.options import (
     Subparsers,
@@ -21,6 +22,8 @@ from ogm_mcmc.config import MapperConfig, OutputConfig, PlacingConfig, flatten
 from ogm_mcmc.engine.saved_map import MapToSave, replacing_map
 from ogm_mcmc.files.output_files import checked_name, makeable_folder
 from ogm_mcmc.io.map_files import save_npz, table_file
+from ogm_mcmc.io.point_files import read_points, write_prediction
+from ogm_mcmc.mapping import predictor
 from ogm_mcmc.pipeline import MappingPipeline
 
 __all__ = ['add_to']
@@ -37,6 +40,11 @@ def add_to(subparsers: Subparsers) -> None:
     # The PGM is trinary and the NPZ holds probabilities: nothing for `output` to choose.
     configs = (MapperConfig, OutputConfig, PlacingConfig)
     add_config_options(parser, 'mapping', *configs, without=('output',))
+    parser.add_argument(
+        '--points', type=Path, metavar='FILE',
+        help='CSV of points x,y in m: NAME_points.csv tells log-odds, variance and probability '
+        'there (method random_field)',
+    )  # fmt: skip
     add_stream_options(parser)
     add_json(parser)
     parser.set_defaults(run=run)
@@ -47,6 +55,7 @@ def run(options: argparse.Namespace) -> int:
     config, output = config_from(options, MapperConfig), config_from(options, OutputConfig)
     placing = config_from(options, PlacingConfig)
     pipeline = MappingPipeline(config)
+    points = _points(options, config)
     # What cannot be saved is better said before the work than after it.
     checked_name(options.name)
     makeable_folder(options.folder)
@@ -65,6 +74,8 @@ def run(options: argparse.Namespace) -> int:
     files = {kind: f'{options.name}.{kind}' for kind in ('npz', 'png', 'pgm', 'yaml')} | {
         table: table_file(options.name, table) for table in saved.extras.tables
     }
+    if points is not None:
+        files['points'] = f'{options.name}_points.csv'
     result: dict[str, Any] = {
         'bag': str(options.bag),
         'scan_topic': topics.scan_names,
@@ -86,11 +97,22 @@ def run(options: argparse.Namespace) -> int:
     }
     with replacing_map(saved, options.folder, options.name, output) as scratch:
         save_npz(saved.grid_map, scratch / files['npz'], settings, saved.extras.layers)
+        if points is not None:
+            told = predictor(config.method)(pipeline.method, points)
+            write_prediction(scratch / files['points'], points, *told)
         text = json.dumps(result, indent=2) + '\n'
         (scratch / f'{options.name}.json').write_text(text, encoding='utf-8')
     said = saved.extras.summary
     print_result(options, result, _text(result) + (f'; {said}' if said else ''))
     return 0
+
+
+def _points(options: argparse.Namespace, config: MapperConfig) -> Float64Array | None:
+    """Return the points to be told about, (N, 2) m; None without. Raises before any work."""
+    if options.points is None:
+        return None
+    predictor(config.method)
+    return read_points(options.points)
 
 
 def _text(result: dict[str, Any]) -> str:

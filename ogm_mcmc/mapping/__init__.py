@@ -126,6 +126,7 @@ from ogm_mcmc.mapping.method import (
     extras_of,
     live_settings,
     make_method,
+    predictor,
     uses_covariance,
 )
 from ogm_mcmc.mapping.pose_uncertain import PoseUncertainMapper
@@ -148,5 +149,6 @@ __all__ = [
     'extras_of',
     'live_settings',
     'make_method',
+    'predictor',
     'uses_covariance',
 ]

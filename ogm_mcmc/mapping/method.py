@@ -11,12 +11,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol
 
-from ogm_mcmc.arrays import Float32Array
+from ogm_mcmc.arrays import Float32Array, Float64Array
 from ogm_mcmc.config import MapperConfig, settings_of
+from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.geometry import CellBox, GridSpec, PlacedScan
 from ogm_mcmc.mapping.adaptive import AdaptiveMapper
 from ogm_mcmc.mapping.counting import CountingMapper
 from ogm_mcmc.mapping.extras import Extras
+from ogm_mcmc.mapping.gaussian_field import Prediction
 from ogm_mcmc.mapping.pose_uncertain import PoseUncertainMapper
 from ogm_mcmc.mapping.random_field import RandomFieldMapper
 from ogm_mcmc.mapping.sonar import SonarMapper
@@ -30,6 +32,7 @@ __all__ = [
     'extras_of',
     'live_settings',
     'make_method',
+    'predictor',
     'uses_covariance',
 ]
 
@@ -75,18 +78,24 @@ def no_extras(method: Any, box: CellBox) -> Extras:
     return Extras()
 
 
+Predict = Callable[[Any, Float64Array], Prediction]
+
+
 class Registration(NamedTuple):
     """How a method is made, which settings it uses, and what it saves.
 
     uses    fields of MapperConfig beside `COMMON`; a nested class stands for all of its settings
     extras  called with the method and the cells that are saved: what it saves beyond the map
     tables  names of the tables in its extras
+    at      called with the method and points (N, 2) of the map frame, m: log-odds and variance
+            there; None where a method knows of cells alone
     """
 
     make: Callable[[MapperConfig], MappingMethod]
     uses: frozenset[str]
     extras: Callable[[Any, CellBox], Extras] = no_extras
     tables: tuple[str, ...] = ()
+    at: Predict | None = None
 
 
 COMMON = frozenset({'method', 'resolution', 'max_cells', 'max_range', 'no_return'})
@@ -105,7 +114,10 @@ METHODS: dict[str, Registration] = {
     ),
     'counting': Registration(CountingMapper, frozenset({'fusion', 'counting'})),
     'random_field': Registration(
-        RandomFieldMapper, BEAMS | {'random_field'}, RandomFieldMapper.extras
+        RandomFieldMapper,
+        BEAMS | {'random_field'},
+        RandomFieldMapper.extras,
+        at=RandomFieldMapper.at,
     ),
     'sonar': Registration(SonarMapper, LOG_ODDS | {'sonar'}),
 }
@@ -119,6 +131,18 @@ def make_method(config: MapperConfig) -> MappingMethod:
 def extras_of(name: str, method: MappingMethod, box: CellBox) -> Extras:
     """Return what a method of this name saves beside the probabilities of the cells of a box."""
     return METHODS[name].extras(method, box)
+
+
+def predictor(name: str) -> Predict:
+    """Return what gives a method's log-odds and variance at any points (N, 2), m.
+
+    Raises ConfigError for a method that knows of cells alone.
+    """
+    found = METHODS[name].at
+    if found is None:
+        knows = ' or '.join(sorted(other for other in METHODS if METHODS[other].at))
+        raise ConfigError(f'method {name} knows of cells alone: expected {knows} for points')
+    return found
 
 
 def all_tables() -> frozenset[str]:

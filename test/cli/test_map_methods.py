@@ -3,6 +3,7 @@
 import json
 
 import numpy as np
+import pytest
 
 from ogm_mcmc.io.tree_files import load_tree
 
@@ -49,3 +50,21 @@ def test_random_field_saves_the_variance(run_cli, office_bag, tmp_path):
         assert data['variance'].shape == shown.shape
         assert (data['variance'][shown] < 0.9).all()
         assert (data['variance'] > 0.0).all()
+
+
+def test_random_field_at_any_points(run_cli, office_bag, tmp_path):
+    (tmp_path / 'points.csv').write_text('x,y\n5.05, 4.0\n5.1 4.03 # between centres\n-99,-99\n')
+    options = ('--method', 'random_field', '--resolution', '0.2', '--points', 'points.csv')
+    done = run_cli('map', office_bag, '-o', 'out', *options, '--json')
+    assert done.returncode == 0, done.stderr
+    told = np.genfromtxt(
+        tmp_path / json.loads(done.stdout)['files']['points'], delimiter=',', names=True
+    )
+    assert told['x'].tolist() == [5.05, 5.1, -99.0]
+    assert told['log_odds'][2] == 0.0
+    assert told['variance'][2] == 1.0
+    assert told['probability'] == pytest.approx(1.0 / (1.0 + np.exp(-told['log_odds'])))
+    assert (told['variance'][:2] < 0.5).all()
+    refused = run_cli('map', office_bag, '-o', 'out', '--points', 'points.csv')
+    assert refused.returncode == 2
+    assert 'two_assumption knows of cells alone: expected random_field' in refused.stderr

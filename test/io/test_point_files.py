@@ -1,0 +1,41 @@
+"""Points as CSV: what is read, and the line that is at fault."""
+
+import numpy as np
+import pytest
+
+from ogm_mcmc.errors import PointsError
+from ogm_mcmc.io.point_files import read_points, write_prediction
+
+
+def test_points_with_and_without_names_and_remarks(tmp_path):
+    path = tmp_path / 'points.csv'
+    path.write_text('x,y,why\n1.5,-2,door\n# a remark\n\n3 4\n')
+    assert read_points(path).tolist() == [[1.5, -2.0], [3.0, 4.0]]
+
+
+@pytest.mark.parametrize(
+    ('content', 'said'),
+    [
+        ('', 'no point: expected lines x,y'),
+        ('x,y\n', 'no point'),
+        ('1,2\n3\n', 'line 2: 3: expected x,y'),
+        ('1,2\na,b\n', 'line 2: a b: expected x,y'),
+        ('1,inf\n', 'line 1: 1, inf: expected finite numbers up to 1e\\+06 m'),
+        ('1,nan\n', 'line 1: 1, nan: expected finite'),
+        ('1,2\xff\n', 'expected lines x,y'),
+    ],
+)
+def test_what_is_no_point_is_named(tmp_path, content, said):
+    path = tmp_path / 'points.csv'
+    path.write_bytes(content.encode('latin-1'))
+    with pytest.raises(PointsError, match=said):
+        read_points(path)
+    with pytest.raises(PointsError):
+        read_points(tmp_path)
+
+
+def test_what_is_told_comes_back(tmp_path):
+    path = tmp_path / 'told.csv'
+    write_prediction(path, np.array([[0.1, -3.0]]), np.array([-800.0]), np.array([0.25]))
+    table = np.genfromtxt(path, delimiter=',', names=True)
+    assert [float(table[name]) for name in table.dtype.names] == [0.1, -3.0, -800.0, 0.25, 0.0]
