@@ -68,11 +68,12 @@ class Corrector:
         stamps = np.array([placed.scan.stamp_ns for placed in scans], np.int64)
         poses, covered = corrected_poses(self.track, nodes, stamps)
         found, moved, furthest_m = list(scans), 0, 0.0
-        for index in map(int, np.flatnonzero(covered)):
+        nearly = MOVED_CELLS * resolution_m
+        for index in map(int, _may_move(scans, poses, covered, nearly)):
             placed = scans[index]
             pose = Pose2D(*map(float, poses[index])).compose(placed.belief.offset)
             way_m = _furthest_way(placed, pose)
-            if way_m > MOVED_CELLS * resolution_m:
+            if way_m > nearly:
                 found[index] = placed._replace(belief=placed.belief.carried_to(pose))
                 moved += 1
                 furthest_m = max(furthest_m, way_m)
@@ -122,6 +123,31 @@ def _carried(node: Float64Array, at_node: Float64Array, recorded: Float64Array) 
         ),
         axis=1,
     )
+
+
+def _may_move(
+    scans: Sequence[PlacedScan], poses: Float64Array, covered: BoolArray, nearly: float
+) -> Int64Array:
+    """Return the scans that may move by more than `nearly`, m, at robot poses (M, 3).
+
+    A look at all of them at once: a SLAM system may tell its trajectory every second.
+    """
+    rows = [
+        (pose.x_m, pose.y_m, pose.yaw_rad, at.x_m, at.y_m, at.yaw_rad, one.scan.range_max_m)
+        for one in scans
+        for pose, at in ((one.belief.mean, one.belief.offset),)
+    ]
+    old_x, old_y, old_yaw, at_x, at_y, at_yaw, reach = np.array(rows).reshape(-1, 7).T
+    x, y, yaw = poses.T
+    cosine, sine = np.cos(yaw), np.sin(yaw)
+    way = np.hypot(
+        x + cosine * at_x - sine * at_y - old_x, y + sine * at_x + cosine * at_y - old_y
+    )
+    turn = np.abs(turned_back(yaw + at_yaw - old_yaw))
+    with np.errstate(invalid='ignore'):
+        most = way + np.where(turn > 0.0, turn * reach, 0.0)
+    candidates: Int64Array = np.flatnonzero(covered & ~(most <= nearly))
+    return candidates
 
 
 def _furthest_way(placed: PlacedScan, pose: Pose2D) -> float:

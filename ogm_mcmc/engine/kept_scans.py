@@ -31,7 +31,8 @@ class KeptScans:
     """Keeps what was mapped; `correct` makes the map anew in a thread, `taken` hands it over.
 
     The thread works on scans of its own; those that are mapped meanwhile are added when the map
-    is taken. A newer trajectory ends a map that is being made. When the memory is used up scans
+    is taken. A trajectory that comes meanwhile waits: a system that tells one every second would
+    else keep a large map from ever being ready. When the memory is used up scans
     that others cover go first (see `Recording`): they stay in the map until it is made anew.
     """
 
@@ -41,6 +42,7 @@ class KeptScans:
         self.corrector = Corrector()
         self._late: list[PlacedScan] = []
         self._making: _Making | None = None
+        self._waits = False  # a correction that no map in the making has
 
     def add(self, placed: PlacedScan) -> None:
         """Keep a scan that was mapped."""
@@ -55,10 +57,15 @@ class KeptScans:
         corrected = self.corrector.applied(kept, nodes, config.resolution)
         if corrected.moved:
             self.recording.replace(corrected.scans)
-            self._stop()
-            self._making = _Making(corrected.scans, config)
-            self._late = []
+            self._waits = True
+            self._make(config)
         return corrected
+
+    def _make(self, config: MapperConfig) -> None:
+        """Begin to make the map anew, if a correction waits for that and none is in the making."""
+        if self._waits and self._making is None:
+            self._making, self._late = _Making(self.recording.snapshot(), config), []
+            self._waits = False
 
     @property
     def busy(self) -> bool:
@@ -79,19 +86,17 @@ class KeptScans:
         for placed in self._late:
             making.use(placed)
         scans, self._late = making.pipeline.scans_used, []
+        self._make(making.pipeline.config)
         return Remade(making.pipeline, scans, time.monotonic() - making.started)
 
     def clear(self) -> None:
         """Forget all scans and poses; a map that is being made is not taken."""
-        self._stop()
-        self.recording.clear()
-        self.corrector.clear()
-        self._late = []
-
-    def _stop(self) -> None:
         if self._making is not None:
             self._making.cancelled = True
             self._making = None
+        self.recording.clear()
+        self.corrector.clear()
+        self._late, self._waits = [], False
 
 
 class _Making:

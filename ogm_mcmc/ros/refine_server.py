@@ -52,6 +52,9 @@ __all__ = ['RefineServer', 'main']
 HOUSEKEEPING_S = 0.1
 FLUSH_S = 1.0
 
+# A system may tell a corrected trajectory every second, and each takes an index of its own.
+CORRECTING_S = 10.0
+
 
 class RefineServer(Node):
     """Subscribes and records; a `RefineWorker` samples; what it hands over is published here."""
@@ -72,6 +75,8 @@ class RefineServer(Node):
             self.record,
         )
         self.corrector = Corrector()
+        self._outdated = False  # scans in the window moved since sampling began
+        self._corrected_at = -CORRECTING_S
         self.corrected = TrajectoryIntake(self, self.intake, self.correct)
         state_file = self._state_file()
         started = time.monotonic()
@@ -131,9 +136,19 @@ class RefineServer(Node):
         corrected = self.corrector.applied(scans, nodes, self.sampler.window.resolution)
         if corrected.moved:
             self.recording.replace(corrected.scans)
-            if self.worker.status.state != 'idle':
-                self.worker.refine(self.recording.snapshot(), self.stop)
+            self._outdated = self.worker.status.state != 'idle'
+            self.sample_corrected()
         return corrected
+
+    def sample_corrected(self) -> None:
+        """Go on with corrected scans, not more often than leaves time to sample."""
+        now = time.monotonic()
+        if not self._outdated or now - self._corrected_at < CORRECTING_S:
+            return
+        self._outdated = False
+        if self.worker.status.state != 'idle':
+            self._corrected_at = now
+            self.worker.refine(self.recording.snapshot(), self.stop)
 
     # -- maps out ---------------------------------------------------------------------------
 
@@ -141,6 +156,7 @@ class RefineServer(Node):
         """Drop scans that waited too long; publish what the worker handed over."""
         self.intake.pass_on()
         self.corrected.adapt()
+        self.sample_corrected()
         if self.worker.failure is not None:
             raise self.worker.failure
         self.publish_maps()

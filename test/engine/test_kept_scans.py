@@ -111,17 +111,20 @@ def test_scans_that_come_while_the_map_is_made_anew_are_in_it(loop):
     assert kept.taken() is None
 
 
-def test_a_newer_trajectory_ends_the_map_in_the_making_and_clear_too(loop):
+def test_a_newer_trajectory_waits_for_the_map_in_the_making_and_clear_ends_it(loop):
     _, scans = loop
     kept = KeptScans(100.0)
     for one in scans:
         kept.add(PlacedScan.at(one.scan, one.said))
     nodes = nodes_of(scans[-1].corrected)
     aside = Nodes(nodes.stamps_ns, nodes.poses + np.array([5.0, 0.0, 0.0]))
-    kept.correct(aside, CONFIG)
-    kept.correct(nodes, CONFIG)
-    remade = waited(kept)
-    assert remade.pipeline.map().spec.origin_x_m < 1.0
+    far = Nodes(nodes.stamps_ns, nodes.poses + np.array([50.0, 0.0, 0.0]))
+    for one in (aside, far, nodes):
+        assert kept.correct(one, CONFIG).moved > 0
+    first, last = waited(kept), waited(kept)
+    assert first.pipeline.map().spec.origin_x_m > 4.0
+    assert last.pipeline.map().spec.origin_x_m < 1.0  # the one in between was never made
+    assert (kept.taken(), kept.busy) == (None, False)
     kept.correct(aside, CONFIG)
     kept.clear()
     assert (kept.taken(), kept.busy, len(kept.recording)) == (None, False, 0)

@@ -3,6 +3,7 @@
 import importlib.util
 import math
 import time
+from types import SimpleNamespace
 
 import pytest
 
@@ -15,7 +16,7 @@ from support.local_ros import Logs, local_node, pose, scan
 
 from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.ros.online_mapper import OnlineMapper
-from ogm_mcmc.ros.refine_server import RefineServer
+from ogm_mcmc.ros.refine_server import CORRECTING_S, RefineServer
 
 pytestmark = [pytest.mark.ros]
 
@@ -111,7 +112,29 @@ def test_the_window_of_refine_server_follows_and_bad_messages_are_said():
         assert any('expected poses that carry their own stamps' in line or 'odom' in line
                    for line in logs.of('warning'))  # fmt: skip
         assert node.corrected.values()['trajectories received'] == 7
-        node.worker.close()
+
+
+def test_sampling_goes_on_with_corrected_scans_but_is_not_kept_from_it(monkeypatch):
+    """A trajectory a second: the first one counts at once, the next ones together."""
+    chosen = parameters(window__resolution=0.1, patch__size=1, patch__prior='uniform')
+    with local_node(RefineServer, parameter_overrides=chosen) as node:
+        walk(node)
+        orders = []
+        busy = SimpleNamespace(state='sampling')
+        monkeypatch.setattr(node.worker, 'status', busy)
+        monkeypatch.setattr(node.worker, 'refine', lambda scans, stop: orders.append(scans))
+        for y in (0.5, 1.0, 1.5):
+            node.corrected.on_path(path([(float(k), 0.1 * k, y, 0.0) for k in range(1, SCANS)]))
+        assert [round(scans[0].pose.y_m, 2) for scans in orders] == [0.5]
+        assert round(node.recording.snapshot()[0].pose.y_m, 2) == 1.5
+        node._corrected_at -= CORRECTING_S
+        node.sample_corrected()
+        assert [round(scans[0].pose.y_m, 2) for scans in orders] == [0.5, 1.5]
+        # Nothing is sampled that nobody asked for.
+        busy.state = 'idle'
+        node._corrected_at -= CORRECTING_S
+        node.corrected.on_path(CORRECTED)
+        assert len(orders) == 2
 
 
 def test_slam_toolbox_and_cartographer_need_their_messages():
