@@ -1,4 +1,4 @@
-"""`info BAG`: what is inside, on one screen."""
+"""`info BAG` (or a trajectory file): what is inside, on one screen."""
 
 from __future__ import annotations
 
@@ -7,17 +7,27 @@ import math
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ogm_mcmc.cli.options import Subparsers, add_json, print_result
 from ogm_mcmc.config.pose_sources import POSE_SOURCES
+from ogm_mcmc.engine.bag_scans import PlacedScans
+from ogm_mcmc.engine.bag_topics import StreamChoice, choose_topics
 from ogm_mcmc.errors import OgmError
 from ogm_mcmc.geometry import Scan
 from ogm_mcmc.io import messages, ros_types
 from ogm_mcmc.io.bags import BagReader
+from ogm_mcmc.io.tf_messages import TF_TYPES, read_transforms
+from ogm_mcmc.io.trajectory_files import read_trajectory
 
 __all__ = ['add_to']
 
+# Suffixes that only trajectories have.
+TRAJECTORIES = ('.tum', '.txt', '.csv', '.kitti', '.g2o', '.traj')
+
 DETAILS = (
     'frame',
+    'transforms',
     'sensors',
     'beams',
     'field_of_view_rad',
@@ -30,14 +40,21 @@ DETAILS = (
 
 def add_to(subparsers: Subparsers) -> None:
     """Declare the command."""
-    parser = subparsers.add_parser('info', help='what a bag holds, on one screen')
-    parser.add_argument('bag', type=Path, help='ROS 1 bag or rosbag2')
+    parser = subparsers.add_parser(
+        'info', help='what a bag or a trajectory file holds, on one screen'
+    )
+    parser.add_argument('bag', type=Path, help='ROS 1 bag, rosbag2 or trajectory file')
+    parser.add_argument(
+        '--trajectory-stamps', type=Path, metavar='FILE', help='stamps of a KITTI or g2o file'
+    )
     add_json(parser)
     parser.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:
     """Run the command."""
+    if options.bag.is_file() and options.bag.suffix in TRAJECTORIES:
+        return _of_trajectory(options)
     with BagReader(options.bag) as bag:
         duration_s = bag.duration_ns / 1e9
         values: dict[str, Any] = {
@@ -50,8 +67,47 @@ def run(options: argparse.Namespace) -> int:
                 {**topic._asdict(), **_first_message(bag, topic.name, topic.msgtype)}
                 for topic in bag.topics()
             ],
+            'map_takes': _what_map_takes(bag),
         }
     print_result(options, values, _text(values))
+    return 0
+
+
+def _what_map_takes(bag: BagReader) -> list[str]:
+    """Return the lines that `map` would say of its choice, nothing where there are no scans."""
+    kinds = {topic.msgtype for topic in bag.topics() if topic.n_messages > 0}
+    if ros_types.SCAN not in kinds and ros_types.RANGE not in kinds:
+        return []
+    choice = StreamChoice(sensor='scan' if ros_types.SCAN in kinds else 'range')
+    try:
+        topics = choose_topics(bag, choice)
+        scans = PlacedScans(bag, topics, choice)
+        mounts = [str(found) for found in scans.sensor_mounts().values() if found.shown]
+        return [*topics.remarks, *mounts]
+    except OgmError as error:
+        return [str(error)]
+
+
+def _of_trajectory(options: argparse.Namespace) -> int:
+    held = read_trajectory(options.bag, options.trajectory_stamps)
+    places = np.array([(pose.x_m, pose.y_m) for pose in held.poses])
+    first, last = int(held.stamps_ns[0]), int(held.stamps_ns[-1])
+    values: dict[str, Any] = {
+        'path': str(options.bag),
+        'kind': f'trajectory ({held.format})',
+        'poses': len(held.poses),
+        'start_s': first / 1e9,
+        'duration_s': (last - first) / 1e9,
+        'length_m': round(float(np.hypot(*np.diff(places, axis=0).T).sum()), 3),
+        'x_m': [round(float(value), 3) for value in (places[:, 0].min(), places[:, 0].max())],
+        'y_m': [round(float(value), 3) for value in (places[:, 1].min(), places[:, 1].max())],
+    }
+    text = (
+        f'{values["path"]}: {values["kind"]}, {values["poses"]} poses, '
+        f'{values["duration_s"]:.1f} s from {values["start_s"]:.3f} s\n'
+        f'  {values["length_m"]} m long, x {values["x_m"]}, y {values["y_m"]} m'
+    )
+    print_result(options, values, text)
     return 0
 
 
@@ -72,6 +128,9 @@ def _first_message(bag: BagReader, topic: str, msgtype: str) -> dict[str, Any]:
         if record is None:
             return {}
         message = bag.decode(record)
+        if msgtype in TF_TYPES:
+            entries = read_transforms(message).entries
+            return {'transforms': [f'{entry.parent} -> {entry.child}' for entry in entries]}
         details: dict[str, Any] = {'frame': messages.frame_of(message)}
         if msgtype == ros_types.SCAN:
             remarks: list[str] = []
@@ -87,6 +146,8 @@ def _first_message(bag: BagReader, topic: str, msgtype: str) -> dict[str, Any]:
             details['sensors'] = len(_frames_in_turn(bag, topic))
         elif msgtype == ros_types.PARTICLES:
             details['particles'] = len(message.poses)
+        elif msgtype == ros_types.PARTICLE_CLOUD:
+            details['particles'] = len(message.particles)
     except OgmError as error:
         return {'problem': str(error)}
     return details
@@ -122,4 +183,5 @@ def _text(values: dict[str, Any]) -> str:
             f'  {topic["name"]:<{width}}  {topic["n_messages"]:>8}  {rate:>7.2f} Hz  '
             f'{topic["msgtype"]}' + (f'  ({details})' if details else '')
         )
+    lines += [f'  map: {line}' for line in values['map_takes']]
     return '\n'.join(lines)

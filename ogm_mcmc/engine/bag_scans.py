@@ -161,7 +161,7 @@ class PlacedScans:
 
     def _told_of_mount(self, found: MountFound) -> None:
         self.mounts[found.frame] = found
-        if found.frame != found.base_frame or found.origin:
+        if found.shown:
             self.tell(str(found))
 
     def _once(self, text: str) -> None:

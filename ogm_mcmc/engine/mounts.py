@@ -40,6 +40,11 @@ class MountFound(NamedTuple):
         """Whether a sensor with a frame of its own is taken to be at the base."""
         return not self.origin and self.frame != self.base_frame
 
+    @property
+    def shown(self) -> bool:
+        """Whether there is anything to tell: more than a sensor in the frame of the base."""
+        return self.frame != self.base_frame or self.origin != ''
+
     def __str__(self) -> str:
         """Return one line for the user."""
         if self.guessed:
