@@ -19,7 +19,10 @@ from ogm_mcmc.cli.options import (
     print_result,
 )
 from ogm_mcmc.config import MapperConfig, OutputConfig, PlacingConfig, flatten
+from ogm_mcmc.engine.bag_scans import PlacedScans
+from ogm_mcmc.engine.no_returns import NoReturns, NoReturnWatch
 from ogm_mcmc.engine.saved_map import MapToSave, replacing_map
+from ogm_mcmc.errors import GridError
 from ogm_mcmc.files.output_files import checked_name, makeable_folder
 from ogm_mcmc.io.map_files import save_npz, table_file
 from ogm_mcmc.io.point_files import read_points, write_prediction
@@ -61,8 +64,7 @@ def run(options: argparse.Namespace) -> int:
     makeable_folder(options.folder)
     started = time.perf_counter()
     with placed_scans(options, placing, config, title='map') as scans:
-        for placed in scans:
-            pipeline.update(placed)
+        off_map, no_returns = _map_all(pipeline, scans)
     topics = scans.topics
     # A single sensor may well sit at mount.x, mount.y; several of them hardly do.
     sure = {f for f, m in scans.mounts.items() if m.origin.startswith('tf')}
@@ -85,6 +87,8 @@ def run(options: argparse.Namespace) -> int:
         'scans': topics.n_scans,
         'scans_used': pipeline.scans_used,
         'dropped': dict(scans.placer.dropped),
+        **({'refused': off_map} if off_map else {}),
+        'no_return_crossing': round(no_returns.share, 3),
         'frames_without_mount': unmounted,
         'mounts': {frame: str(found) for frame, found in scans.mounts.items()},
         'width': spec.width,
@@ -103,7 +107,10 @@ def run(options: argparse.Namespace) -> int:
         text = json.dumps(result, indent=2) + '\n'
         (scratch / f'{options.name}.json').write_text(text, encoding='utf-8')
     said = saved.extras.summary
-    print_result(options, result, _text(result) + (f'; {said}' if said else ''))
+    text = _text(result) + (f'; {said}' if said else '')
+    if no_returns.doubtful:
+        text += f'\n{no_returns}'
+    print_result(options, result, text)
     return 0
 
 
@@ -113,6 +120,33 @@ def _points(options: argparse.Namespace, config: MapperConfig) -> Float64Array |
         return None
     predictor(config.method)
     return read_points(options.points)
+
+
+def _map_all(pipeline: MappingPipeline, scans: PlacedScans) -> tuple[str, NoReturns]:
+    """Map what can be mapped.
+
+    Returns why the first scan was refused that would grow too far, and whether beams without a
+    return clear walls.
+
+    Raises GridError where no scan can be mapped.
+    """
+    refused = ''
+    config = pipeline.config
+    watch = NoReturnWatch(config.resolution, config.max_range)
+    clears = config.no_return == 'clear' and config.method != 'sonar'
+    for placed in scans:
+        if clears:
+            watch.see(placed)
+        try:
+            pipeline.update(placed)
+        except GridError as error:
+            scans.placer.drop('scan_off_map')
+            if not refused:
+                refused = str(error)
+                scans.tell(f'scan at {placed.scan.stamp_ns / 1e9:.3f} s left out: {refused}')
+    if pipeline.scans_used == 0:
+        raise GridError(refused)
+    return refused, watch.judge()
 
 
 def _text(result: dict[str, Any]) -> str:

@@ -58,6 +58,7 @@ DROP_REASONS = {
     'pose_unavailable': 'the pose source has no pose at its stamp',
     'scan_no_mount': 'tf does not say where its sensor sits on the base',
     'scan_bad_mount': 'its sensor is not level with the base',
+    'scan_off_map': 'the map would grow too large',
     'pose_wrong_frame': 'the pose is in another frame than the others',
     'scan_invalid': 'the message does not hold a scan',
     'pose_invalid': 'the message does not hold a pose',

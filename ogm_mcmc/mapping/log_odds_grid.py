@@ -14,7 +14,7 @@ __all__ = ['CountGrid', 'GrowingGrid', 'LogOddsGrid']
 BLOCK = 64
 
 # The fixed-point traversal keeps 23 bits for whole columns of the array.
-MAX_SIDE = 2**22
+MAX_SIDE = 32_767  # Nav2 reads no larger maps
 
 
 class GrowingGrid:
@@ -74,9 +74,9 @@ class GrowingGrid:
         if max(tight.column1 - tight.column0, tight.row1 - tight.row0) > MAX_SIDE:
             raise GridError(
                 f'map would grow to {tight.column1 - tight.column0} x {tight.row1 - tight.row0} '
-                f'cells: expected at most {MAX_SIDE} along a side'
+                f'cells: expected at most {MAX_SIDE} along a side, as Nav2 does'
             )
-        target = roomy if _cells(roomy) <= self.max_cells else tight
+        target = roomy if _allowed(roomy, self.max_cells) else tight
         if _cells(target) > self.max_cells:
             raise GridError(
                 f'map would grow to {tight.column1 - tight.column0} x {tight.row1 - tight.row0} '
@@ -88,6 +88,11 @@ class GrowingGrid:
             for layer, earlier in zip(self.layers(), before, strict=True):
                 layer[self.spec.slices(kept)] = earlier
         self._placed = True
+
+
+def _allowed(box: CellBox, max_cells: int) -> bool:
+    longest = max(box.column1 - box.column0, box.row1 - box.row0)
+    return _cells(box) <= max_cells and longest <= MAX_SIDE
 
 
 class LogOddsGrid(GrowingGrid):

@@ -23,7 +23,7 @@ __all__ = ['Quadtree', 'TreeStatistics']
 
 
 # As for dense grids: the fixed-point traversal keeps 23 bits for whole columns.
-MAX_SIDE = 2**22
+MAX_SIDE = 32_767  # Nav2 reads no larger maps
 MAX_ROWS = 2**31 - 1
 
 

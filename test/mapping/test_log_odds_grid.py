@@ -125,3 +125,12 @@ def test_always_whole_words_and_empty_bit_sets(corners):
             assert not bits.any()
     last = {corner: float(index) for index, corner in enumerate(corners)}
     assert all(get(storage, *corner) == value for corner, value in last.items())
+
+
+def test_no_side_is_longer_than_nav2_reads():
+    storage = LogOddsGrid(0.1, 10**8)
+    storage.cover(CellBox(0, 0, 10, 10))
+    with pytest.raises(GridError, match=r'would grow to 33024 x 64 cells: .* 32767 along a side'):
+        storage.cover(CellBox(33_000, 0, 33_010, 10))
+    storage.cover(CellBox(29_990, 0, 30_000, 10))  # not with room for more, though
+    assert storage.spec.width <= 32_767
