@@ -12,14 +12,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ogm_mcmc.arrays import Float64Array, Int64Array
+from ogm_mcmc.arrays import AnyArray, Float64Array, Int64Array
 from ogm_mcmc.geometry import PlacedScan
 
 __all__ = ['NoReturnWatch', 'NoReturns']
 
 # Scans looked at, spread over all of them, and beams without a return of each.
-KEPT = 100
-MOST_BEAMS = 60
+KEPT = 50
+MOST_BEAMS = 20
 
 # A cell counts as hit when so many beams of other scans ended in it.
 HITS = 2
@@ -79,15 +79,14 @@ class NoReturnWatch:
     def judge(self) -> NoReturns:
         """Return what the scans kept say."""
         hit = [self._hit_cells(placed) for placed in self._kept]
-        owners = np.repeat(np.arange(len(hit)), [cells.size for cells in hit])
-        cells = np.concatenate(hit) if hit else np.zeros(0, np.int64)
+        every = np.concatenate([np.zeros(0, np.int64), *hit])
+        cells, counts = np.unique(every, return_counts=True)
         beams = crossing = 0
-        for k, placed in enumerate(self._kept):
-            names, counts = np.unique(cells[owners != k], return_counts=True)
-            walls = names[counts >= HITS]
-            for crossed in self._crossed_cells(placed):
-                beams += 1
-                crossing += bool(np.isin(crossed, walls, assume_unique=False).any())
+        for own, placed in zip(hit, self._kept, strict=True):
+            by_others = counts - np.isin(cells, own, assume_unique=True)
+            crossed = self._crossed_cells(placed)
+            beams += crossed.shape[0]
+            crossing += int(np.isin(crossed, cells[by_others >= HITS]).any(axis=1).sum())
         return NoReturns(beams, crossing)
 
     def _hit_cells(self, placed: PlacedScan) -> Int64Array:
@@ -97,23 +96,24 @@ class NoReturnWatch:
         ends = _ends(placed, hit, ranges[hit])
         return np.unique(self._names(ends))
 
-    def _crossed_cells(self, placed: PlacedScan) -> list[Int64Array]:
+    def _crossed_cells(self, placed: PlacedScan) -> Int64Array:
+        """Return the cells along some beams without a return, a row for each."""
         scan = placed.scan
         reach = scan.range_max_m if self.reach_m == 0.0 else min(scan.range_max_m, self.reach_m)
         missing = np.flatnonzero(scan.ranges_m == np.inf)
         if not missing.size or not math.isfinite(reach):
-            return []
+            return np.zeros((0, 1), np.int64)
         some = missing[:: -(-missing.size // MOST_BEAMS)]
         along = np.arange(self.resolution_m, reach, self.resolution_m)
         ends = _ends(placed, np.repeat(some, along.size), np.tile(along, some.size))
-        return list(self._names(ends).reshape(some.size, along.size))
+        return self._names(ends).reshape(some.size, along.size)
 
     def _names(self, points: Float64Array) -> Int64Array:
         column, row = np.floor(points / self.resolution_m).astype(np.int64)
         return np.asarray(column * ROWS + row, np.int64)
 
 
-def _ends(placed: PlacedScan, beams: object, lengths: Float64Array) -> Float64Array:
+def _ends(placed: PlacedScan, beams: AnyArray, lengths: Float64Array) -> Float64Array:
     """Return the points (2, N) at so many metres along beams, m."""
     angles = placed.pose.yaw_rad + placed.scan.bearings()[beams]
     return np.stack(

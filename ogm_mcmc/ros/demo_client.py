@@ -72,7 +72,7 @@ class DemoClient:
 
     def _on_diagnostics(self, msg: DiagnosticArray) -> None:
         for status in msg.status:
-            name = status.name.removeprefix(f'{self.namespace}/')
+            name = status.name.lstrip('/').removeprefix(f'{self.namespace.lstrip("/")}/')
             if name in self.reports:
                 self.reports[name] = {item.key: item.value for item in status.values}
 
