@@ -9,13 +9,13 @@ PACKAGE = 'ogm_mcmc'
 
 SCRIPTS = [
     'ogm_mcmc = ogm_mcmc.cli.entry:main',
-    'online_mapper = ogm_mcmc.ros.online_mapper:main',
-    'refine_server = ogm_mcmc.ros.refine_server:main',
+    'online_mapper = ogm_mcmc.ros.entry:online_mapper',
+    'refine_server = ogm_mcmc.ros.entry:refine_server',
 ]
 # colcon installs by these commands, with scripts in lib/ogm_mcmc (setup.cfg): `ros2 run` finds
 # them there. A wheel puts them on the PATH, where `replay` would stand for anything.
 if {'install', 'develop'} & set(sys.argv):
-    SCRIPTS.append('replay = ogm_mcmc.ros.replay:main')
+    SCRIPTS.append('replay = ogm_mcmc.ros.entry:replay')
 
 setup(
     name=PACKAGE,

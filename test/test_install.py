@@ -119,7 +119,7 @@ def test_colcon_builds_and_the_executables_run(clean_copy, tmp_path, office_bag)
     )
     player = NodeProcess(
         '',
-        [str(office_bag), '--rate', '0', '--wait', '30', '--wait-topics', '2'],
+        [str(office_bag), '--rate', '0', '--wait', '200', '--wait-topics', '2'],
         command=(*shell, str(install / 'lib/ogm_mcmc/replay')),
     )
     with Observer() as observer, mapper:

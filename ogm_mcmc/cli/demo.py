@@ -121,11 +121,11 @@ def _map_and_refine(
         if not alive():
             name = 'refine_server' if mapper.poll() is None else 'online_mapper'
             raise OgmError(f'{name} ended during replay: expected it to go on')
-        saved = client.call('online_mapper/save_map', SERVICE_S)
+        client.call('online_mapper/save_map', SERVICE_S)
         client.wait_for_map(SERVICE_S)
         with _progress_bar(options.sampling_time) as show:
             refined = client.refine(options.sampling_time + INDEXING_S, alive, show)
-        saved_refined = client.call('refine_server/save_map', SERVICE_S)
+        client.call('refine_server/save_map', SERVICE_S)
         report = client.report()
     r_hat = float(refined['R-hat (99 % of cells below)'])
     figures: dict[str, Any] = {
@@ -135,6 +135,7 @@ def _map_and_refine(
         'r_hat': r_hat if math.isfinite(r_hat) else None,  # JSON knows no infinity
         'stopped_because': refined['stopped because'],
     }
+    saved, saved_refined = (str(folder / f'{name}.yaml') for name in ('map', 'map_refined'))
     sheet = folder / 'maps.png'
     panels = [('live map (online_mapper)', saved), ('refined (refine_server)', saved_refined)]
     save_side_by_side(
@@ -207,7 +208,7 @@ def _common(options: argparse.Namespace, source: DemoInput, folder: Path) -> dic
 
 
 def _node_arguments(name: str, parameters: dict[str, Any], extra: list[str]) -> list[str]:
-    arguments = ['-m', f'ogm_mcmc.ros.{name}', '--ros-args', *extra]
+    arguments = ['-m', 'ogm_mcmc.ros', name, '--ros-args', *extra]
     for key, value in parameters.items():
         text = str(value).lower() if isinstance(value, bool) else str(value)
         arguments += ['-p', f'{key}:={text}']
@@ -221,7 +222,7 @@ def _replay_arguments(options: argparse.Namespace, source: DemoInput, namespace:
         names[source.pose_topic] = source.pose_source
     remap = ','.join(f'{old}={new}' for old, new in names.items())
     return [
-        *('-m', 'ogm_mcmc.ros.replay', str(source.bag), '--rate', str(options.rate)),
+        *('-m', 'ogm_mcmc.ros', 'replay', str(source.bag), '--rate', str(options.rate)),
         *('--topics', ','.join(names), '--remap', remap, *_computed(options, source)),
         *('--wait', '20', '--wait-topics', str(len(source.scan_topics) + 1)),
         *('--wait-subscribers', '2', '--progress', '--ros-args', '-r', f'__ns:={namespace}'),

@@ -23,6 +23,8 @@ from ogm_mcmc.config import (
     settings_of,
 )
 from ogm_mcmc.config.pose_sources import POSE_SOURCES, POSE_SOURCES_TEXT
+from ogm_mcmc.errors import require
+from ogm_mcmc.files.output_files import is_plain_name
 
 __all__ = [
     'LIVE_PARAMETERS',
@@ -30,6 +32,7 @@ __all__ = [
     'REFINE_CONFIGS',
     'REFINE_LIVE_PARAMETERS',
     'IntakeConfig',
+    'ManagedConfig',
     'OnlineMapperConfig',
     'RefineSamplerConfig',
     'RefineServerConfig',
@@ -110,6 +113,20 @@ class IntakeConfig:
 
 
 @dataclass(frozen=True)
+class ManagedConfig:
+    """Who takes a node through its states."""
+
+    autostart: bool = setting(
+        True,
+        'configure and activate at start; false: wait for a lifecycle manager (change_state)',
+    )
+
+
+def _check_save_name(name: str) -> None:
+    require(is_plain_name(name), 'save_name', name, 'expected a file name without folders')
+
+
+@dataclass(frozen=True)
 class OnlineMapperConfig:
     """When `online_mapper` publishes, and where it saves."""
 
@@ -135,16 +152,26 @@ class OnlineMapperConfig:
         low=1.0,
         high=1e6,
     )
-    save_directory: str = setting('.', 'folder ~/save_map writes to', live=True)
-    save_name: str = setting('map', 'name of the files ~/save_map writes', live=True)
+    save_directory: str = setting('.', 'folder ~/save_map writes to')
+    save_name: str = setting(
+        'map', 'name of the files ~/save_map writes, without folders', live=True
+    )
 
     def __post_init__(self) -> None:
         """Refuse what is out of bounds."""
         check_bounds(self)
+        _check_save_name(self.save_name)
 
 
 # All at the top level of the node, like the names people know from slam_toolbox.
-NODE_CONFIGS = (MapperConfig, OutputConfig, PlacingConfig, IntakeConfig, OnlineMapperConfig)
+NODE_CONFIGS = (
+    MapperConfig,
+    OutputConfig,
+    PlacingConfig,
+    IntakeConfig,
+    OnlineMapperConfig,
+    ManagedConfig,
+)
 
 LIVE_PARAMETERS = live_parameters(NODE_CONFIGS)
 
@@ -171,12 +198,15 @@ class RefineServerConfig:
         'file for the state of the chains, written by ~/save_map and at the end of sampling; '
         'the first ~/refine with the same scans and settings continues from it; empty: none',
     )
-    save_directory: str = setting('.', 'folder ~/save_map writes to', live=True)
-    save_name: str = setting('map_refined', 'name of the files ~/save_map writes', live=True)
+    save_directory: str = setting('.', 'folder ~/save_map writes to')
+    save_name: str = setting(
+        'map_refined', 'name of the files ~/save_map writes, without folders', live=True
+    )
 
     def __post_init__(self) -> None:
         """Refuse what is out of bounds."""
         check_bounds(self)
+        _check_save_name(self.save_name)
 
 
 LEARNED = PatchConfig(prior='border', size=9)
@@ -199,6 +229,7 @@ REFINE_CONFIGS = (
     PlacingConfig,
     IntakeConfig,
     RefineServerConfig,
+    ManagedConfig,
 )
 
 REFINE_LIVE_PARAMETERS = live_parameters(REFINE_CONFIGS)

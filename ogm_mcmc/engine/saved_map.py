@@ -6,6 +6,8 @@ import contextlib
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
+
 from ogm_mcmc.config import OutputConfig, flatten
 from ogm_mcmc.files.output_files import replacing_set
 from ogm_mcmc.geometry import GridMap
@@ -13,7 +15,17 @@ from ogm_mcmc.io.map_files import table_file, write_map, write_tables
 from ogm_mcmc.mapping import Extras, all_tables
 from ogm_mcmc.pipeline import MappingPipeline
 
-__all__ = ['MapToSave', 'replacing_map']
+__all__ = ['MapToSave', 'replacing_map', 'saved_text']
+
+
+def saved_text(grid_map: GridMap, path: Path) -> str:
+    """Return what a node answers when it has saved a map: where, how large, how much is known."""
+    height, width = grid_map.probability.shape
+    known = float(np.isfinite(grid_map.probability).mean()) if grid_map.probability.size else 0.0
+    return (
+        f'{path.absolute()}: {width} x {height} cells of {grid_map.spec.resolution_m:g} m, '
+        f'{100.0 * known:.1f} % of them known'
+    )
 
 
 class MapToSave:

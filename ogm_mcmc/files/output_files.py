@@ -33,6 +33,7 @@ from ogm_mcmc.files.yaml_files import parse_yaml
 __all__ = [
     'checked_name',
     'folder_to_fill',
+    'is_plain_name',
     'makeable_folder',
     'refuse_folder',
     'replacing',
@@ -236,9 +237,13 @@ def makeable_folder(path: Path) -> Path:
     return path
 
 
+def is_plain_name(name: str) -> bool:
+    """Whether a name is that of a file, not of a path, and not hidden."""
+    return bool(name) and not name.startswith('.') and '\0' not in name and Path(name).name == name
+
+
 def checked_name(name: str) -> str:
     """Return a name for map files; raises OutputError unless it is a plain file name."""
-    plain = name and not name.startswith('.') and '\0' not in name and Path(name).name == name
-    if not plain:
+    if not is_plain_name(name):
         raise OutputError(f'name of the map is {name!r}: expected a file name without folders')
     return name

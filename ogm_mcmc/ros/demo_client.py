@@ -89,7 +89,7 @@ class DemoClient:
         return True
 
     def wait_for_nodes(self, timeout_s: float, alive: Callable[[], bool]) -> None:
-        """Wait until both nodes offer their services; the clock of "first map" starts then."""
+        """Wait until both nodes take scans; the clock of "first map" starts then."""
 
         def missing() -> list[str]:
             return [name for name, c in self.services.items() if not c.service_is_ready()]
@@ -100,6 +100,12 @@ class DemoClient:
         if missing():
             nodes = sorted({name.partition('/')[0] for name in missing()})
             raise OgmError(f'{" and ".join(nodes)}: expected the services to appear')
+
+        def compiling() -> bool:
+            return any(report.get('working') != 'True' for report in self.reports.values())
+
+        if not self.spin_while(lambda: alive() and compiling(), timeout_s):
+            raise OgmError(f'expected the nodes to have compiled their kernels in {timeout_s:g} s')
         self.started = time.monotonic()
 
     def call(self, name: str, timeout_s: float) -> str:

@@ -19,10 +19,18 @@ from ogm_mcmc.io.messages import fill_grid_header, fill_grid_update
 from ogm_mcmc.pipeline import MappingPipeline
 from ogm_mcmc.ros.latched_topic import LatchedTopic
 
-__all__ = ['GridPublisher']
+__all__ = ['GridPublisher', 'grid_message']
 
 # A subscription is discovered before the name of the node it belongs to.
 NAMELESS = '_NODE_NAME_UNKNOWN_'
+
+
+def grid_message(values: Int8Array, spec: GridSpec, frame_id: str, stamp_ns: int) -> OccupancyGrid:
+    """Return an OccupancyGrid of values (height, width): 0..100, -1 unknown."""
+    message = OccupancyGrid()
+    fill_grid_header(message, spec, frame_id, stamp_ns)
+    message.data = array.array('b', values.tobytes())
+    return message
 
 
 class _MessageView(MapView):
@@ -137,14 +145,6 @@ class GridPublisher:
     def restart(self) -> None:
         """Forget what was shown (after a reset)."""
         self.view.restart()
-
-    def destroy(self) -> None:
-        """Leave all topics."""
-        for topic in (self.topic, self.metadata):
-            if topic is not None:
-                topic.destroy()
-        if self.updates is not None:
-            self.node.destroy_publisher(self.updates)
 
 
 def _update_type() -> Any:

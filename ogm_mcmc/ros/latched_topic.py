@@ -62,7 +62,3 @@ class LatchedTopic:
         self._serve_at = [at for at in self._serve_at if at > now]
         self.publisher.publish(message)
         self.sent += 1
-
-    def destroy(self) -> None:
-        """Leave the topic."""
-        self.node.destroy_publisher(self.publisher)

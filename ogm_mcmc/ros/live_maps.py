@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
+from nav_msgs.msg import OccupancyGrid
 from rclpy.node import Node
 
 from ogm_mcmc.config import OutputConfig
+from ogm_mcmc.engine.map_view import rendered
 from ogm_mcmc.geometry import CellBox
 from ogm_mcmc.pipeline import MappingPipeline
-from ogm_mcmc.ros.grid_publisher import GridPublisher
+from ogm_mcmc.ros.grid_publisher import GridPublisher, grid_message
 
 __all__ = ['LiveMaps']
 
@@ -61,14 +63,15 @@ class LiveMaps:
             interval = math.inf if publisher is self.entropy else latched_interval_s
             publisher.publish_changes(*self.header(), interval)
 
+    def map_message(self) -> OccupancyGrid:
+        """Return the map as it is now, made anew: what is published goes its own way."""
+        spec, output = self.pipeline.method.spec, self.map.view.output
+        probability = self.pipeline.method.probabilities(spec.box)
+        return grid_message(rendered(probability, output.output, output), spec, *self.header())
+
     def restart(self) -> None:
         """Forget what was shown and publish the empty maps (after a reset)."""
         for publisher in self.all:
             publisher.view.restart()
             if publisher.topic.sent > 0:
                 publisher.publish(*self.header(), whole=True)
-
-    def destroy(self) -> None:
-        """Leave all topics."""
-        for publisher in self.all:
-            publisher.destroy()

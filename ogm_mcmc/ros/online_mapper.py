@@ -6,9 +6,8 @@ import sys
 import time
 from typing import Any
 
+from nav_msgs.srv import GetMap
 from rcl_interfaces.msg import SetParametersResult
-from rclpy.clock import Clock, ClockType
-from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool, Trigger
 
@@ -21,15 +20,16 @@ from ogm_mcmc.config.nodes import (
 )
 from ogm_mcmc.engine.corrections import Corrected, Nodes
 from ogm_mcmc.engine.kept_scans import KeptScans
-from ogm_mcmc.engine.saved_map import MapToSave, replacing_map
+from ogm_mcmc.engine.saved_map import MapToSave, replacing_map, saved_text
 from ogm_mcmc.errors import OgmError
 from ogm_mcmc.files.user_paths import user_path
 from ogm_mcmc.geometry import PlacedScan
 from ogm_mcmc.mapping import live_settings, uses_covariance
 from ogm_mcmc.pipeline import MappingPipeline, warm_up
 from ogm_mcmc.ros.diagnostics import DIAGNOSTICS_S, Diagnostics
+from ogm_mcmc.ros.intake_health import WELL
 from ogm_mcmc.ros.live_maps import LiveMaps
-from ogm_mcmc.ros.parameters import ParameterSet
+from ogm_mcmc.ros.managed_node import ManagedNode
 from ogm_mcmc.ros.running import run_node
 from ogm_mcmc.ros.scan_intake import ScanIntake
 from ogm_mcmc.ros.trajectory_intake import TrajectoryIntake
@@ -39,12 +39,15 @@ __all__ = ['OnlineMapper', 'main']
 HOUSEKEEPING_S = 0.1
 
 
-class OnlineMapper(Node):
+class OnlineMapper(ManagedNode):
     """Subscribes, places, maps, publishes; everything of substance happens in `pipeline`."""
 
     def __init__(self, **node_options: Any) -> None:
-        super().__init__('online_mapper', **node_options)
-        self.parameters = ParameterSet(self, NODE_CONFIGS, LIVE_PARAMETERS)
+        super().__init__('online_mapper', NODE_CONFIGS, LIVE_PARAMETERS, **node_options)
+        self.start()
+
+    def set_up(self) -> None:
+        """Make the map, empty, and everything around it."""
         self.settings = self.parameters.read(OnlineMapperConfig)
         self.pipeline = MappingPipeline(self.parameters.read(MapperConfig))
         self.output = self.parameters.read(OutputConfig)
@@ -58,33 +61,40 @@ class OnlineMapper(Node):
             sonar=self.pipeline.config.method == 'sonar',
             with_covariance=uses_covariance(self.pipeline.config.method),
         )
-
-        started = time.monotonic()
-        warm_up(self.pipeline.config)
-        self.get_logger().info(f'kernels ready after {time.monotonic() - started:.2f} s')
-
         self.maps = LiveMaps(
             self,
             self.pipeline,
-            self.parameters.read(OutputConfig),
+            self.output,
             lambda: (self.intake.settings.map_frame, self._last_stamp_ns),
         )
         self.kept = KeptScans(self.settings.keep_scans_mb) if self.settings.keep_scans else None
-        self.trajectory = TrajectoryIntake(self, self.intake, self.correct) if self.kept else None
+        self.trajectory: TrajectoryIntake | None = None
         self.diagnostics = Diagnostics(self, 'mapping')
         self.create_service(Trigger, '~/reset', self.on_reset)
         self.create_service(Trigger, '~/save_map', self.on_save_map)
         self.create_service(SetBool, '~/pause', self.on_pause)
+        self.create_service(GetMap, '~/get_map', self.on_get_map)
+        self.every(DIAGNOSTICS_S, self.publish_diagnostics)
+
+    def warm_up(self) -> None:
+        """Compile what the method needs."""
+        warm_up(self.pipeline.config)
+
+    def begin(self) -> None:
+        """Subscribe, and publish from now on."""
         self.intake.subscribe()
-        # Real time, so that publishing goes on while a simulated clock stands still.
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.map_timer = self.create_timer(
-            self.settings.map_update_interval, self.on_map_timer, clock=steady
-        )
-        self.create_timer(HOUSEKEEPING_S, self.on_housekeeping, clock=steady)
-        self.create_timer(DIAGNOSTICS_S, self.publish_diagnostics, clock=steady)
-        self.add_on_set_parameters_callback(self.check_parameters)
-        self.add_post_set_parameters_callback(self.on_parameters_set)
+        if self.kept is not None:
+            self.trajectory = TrajectoryIntake(self, self.intake, self.correct)
+        self.map_timer = self.every(self.settings.map_update_interval, self.on_map_timer)
+        self.every(HOUSEKEEPING_S, self.on_housekeeping)
+
+    def end(self) -> None:
+        """Forget scans that wait; the map stays."""
+        self.intake.clear()
+
+    def tear_down(self) -> None:
+        """Forget the map."""
+        del self.pipeline, self.maps, self.intake
 
     # -- scans in ---------------------------------------------------------------------------
 
@@ -150,25 +160,26 @@ class OnlineMapper(Node):
             'maps published': self.maps.map.topic.sent,
             'paused': self.intake.paused,
             **self._kept_values(),
+            'working': self.working,
             **self.intake.problems.values(),
         }
         dropped = self.intake.problems.all().total()
         self.diagnostics.publish(
-            f'{used} scans mapped, {dropped} messages dropped',
+            self.compiling or f'{used} scans mapped, {dropped} messages dropped',
             values,
             warn=bool(self.intake.problems.new()),
-            health=self.intake.health(),
+            health=self.intake.health() if self.working else WELL,
         )
 
     def _kept_values(self) -> dict[str, object]:
-        if self.kept is None or self.trajectory is None:
+        if self.kept is None:
             return {'scans kept for corrections': 'none: keep_scans is off'}
         recording = self.kept.recording
         return {
             'scans kept for corrections': len(recording),
             'scans let go': recording.let_go.total(),
             'map is being made anew': self.kept.busy,
-            **self.trajectory.values(),
+            **(self.trajectory.values() if self.trajectory else {}),
         }
 
     # -- services and parameters ------------------------------------------------------------
@@ -193,12 +204,23 @@ class OnlineMapper(Node):
         name = self.settings.save_name
         try:
             folder = user_path(self.settings.save_directory, 'save_directory')
-            with replacing_map(MapToSave(self.pipeline), folder, name, self.output):
+            saved = MapToSave(self.pipeline)
+            with replacing_map(saved, folder, name, self.output):
                 pass
         except OgmError as error:
             response.success, response.message = False, str(error)
         else:
-            response.success, response.message = True, str((folder / f'{name}.yaml').absolute())
+            response.success = True
+            response.message = saved_text(saved.grid_map, folder / f'{name}.yaml')
+        return response
+
+    def on_get_map(self, _: GetMap.Request, response: GetMap.Response) -> GetMap.Response:
+        """Return the map as `map` would show it now; one without cells while there is none."""
+        if self.pipeline.scans_used == 0:
+            response.map.header.frame_id = self.intake.settings.map_frame
+            self.get_logger().warning('~/get_map: no scan was mapped yet, the map is empty')
+        else:
+            response.map = self.maps.map_message()
         return response
 
     def on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
@@ -210,22 +232,23 @@ class OnlineMapper(Node):
 
     def check_parameters(self, changes: list[Parameter]) -> SetParametersResult:
         """Judge a change; what the method does not use is refused."""
-        method = self.pipeline.config.method
+        method = self.parameters.read(MapperConfig).method
         unused = self.parameters.live_of(MapperConfig) - live_settings(method)
         for name in sorted({change.name for change in changes} & unused):
             reason = f'{name} has no effect with method {method}'
             return SetParametersResult(successful=False, reason=reason)
-        return self.parameters.check(changes)
+        return super().check_parameters(changes)
 
-    def on_parameters_set(self, _: list[Parameter]) -> None:
+    def parameters_changed(self) -> None:
         """Take over what `LIVE_PARAMETERS` allows to change."""
         self.settings = self.parameters.read(OnlineMapperConfig)
         self.intake.configure(
             self.parameters.read(IntakeConfig), self.parameters.read(PlacingConfig)
         )
         self.output = self.parameters.read(OutputConfig)
-        self.map_timer.timer_period_ns = round(self.settings.map_update_interval * 1e9)
-        self.map_timer.reset()  # or the old period would run out first
+        if self.working:
+            self.map_timer.timer_period_ns = round(self.settings.map_update_interval * 1e9)
+            self.map_timer.reset()  # or the old period would run out first
         self.maps.show(self.output)
         mapping = self.parameters.read(MapperConfig)
         if mapping != self.pipeline.config:

@@ -33,7 +33,7 @@ def descriptor(leaf: Setting, live: bool) -> ParameterDescriptor:
         text += f'; one of {", ".join(leaf.choices)}'
     if not live:
         text += ' (fixed at start)'
-    result = ParameterDescriptor(name=leaf.name, description=text)
+    result = ParameterDescriptor(name=leaf.name, description=text, read_only=not live)
     low, high = leaf.low, leaf.high
     if leaf.type is float and low is not None and high is not None:
         result.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
@@ -91,19 +91,21 @@ class ParameterSet:
         """Build one config object from the current values; raises ConfigError."""
         return build(config, self.values(), ignore_unknown=True)
 
-    def check(self, changes: Iterable[Parameter]) -> SetParametersResult:
-        """Judge a change at run time: safe ones pass, others are refused with the reason."""
-        values = self.values()
+    def refused(self, changes: Iterable[Parameter]) -> SetParametersResult | None:
+        """Return why a change is refused that names a fixed parameter, None if none does."""
         for change in changes:
-            if change.name not in self.leaves:
-                continue
-            if change.name not in self.live:
+            if change.name in self.leaves and change.name not in self.live:
                 reason = (
                     f'{change.name} is fixed at start: what was mapped, or how the node is '
                     f'connected, depends on it; changeable: {", ".join(sorted(self.live))}'
                 )
                 return SetParametersResult(successful=False, reason=reason)
-            values[change.name] = change.value
+        return None
+
+    def check(self, changes: Iterable[Parameter]) -> SetParametersResult:
+        """Judge a change at run time: safe ones pass, others are refused with the reason."""
+        values = self.values()
+        values.update((one.name, one.value) for one in changes if one.name in self.leaves)
         try:
             for config in self.configs:
                 build(config, values, ignore_unknown=True)

@@ -8,9 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from nav_msgs.srv import GetMap
-from rclpy.clock import Clock, ClockType
-from rclpy.node import Node
-from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
 from ogm_mcmc.config import (
@@ -32,6 +29,7 @@ from ogm_mcmc.config.nodes import (
 from ogm_mcmc.engine.corrections import Corrected, Corrector, Nodes
 from ogm_mcmc.engine.recording import Recording
 from ogm_mcmc.engine.refinement import hide_uncertain, warm_up
+from ogm_mcmc.engine.saved_map import saved_text
 from ogm_mcmc.engine.worker import RefinedMap, RefineWorker
 from ogm_mcmc.errors import OgmError
 from ogm_mcmc.files.output_files import writable_folder
@@ -40,7 +38,8 @@ from ogm_mcmc.geometry import GridMap, PlacedScan
 from ogm_mcmc.io.map_files import save_map
 from ogm_mcmc.io.tum_files import write_beliefs
 from ogm_mcmc.ros.diagnostics import DIAGNOSTICS_S, Diagnostics
-from ogm_mcmc.ros.parameters import ParameterSet
+from ogm_mcmc.ros.intake_health import WELL
+from ogm_mcmc.ros.managed_node import ManagedNode
 from ogm_mcmc.ros.refined_maps import RefinedMaps
 from ogm_mcmc.ros.running import run_node
 from ogm_mcmc.ros.scan_intake import ScanIntake
@@ -56,14 +55,21 @@ FLUSH_S = 1.0
 CORRECTING_S = 10.0
 
 
-class RefineServer(Node):
+class RefineServer(ManagedNode):
     """Subscribes and records; a `RefineWorker` samples; what it hands over is published here."""
 
     def __init__(self, **node_options: Any) -> None:
-        super().__init__('refine_server', **node_options)
-        self.parameters = ParameterSet(
-            self, REFINE_CONFIGS, REFINE_LIVE_PARAMETERS, refine_settings_agree
+        super().__init__(
+            'refine_server',
+            REFINE_CONFIGS,
+            REFINE_LIVE_PARAMETERS,
+            refine_settings_agree,
+            **node_options,
         )
+        self.start()
+
+    def set_up(self) -> None:
+        """Make the worker, an empty recording and everything around them."""
         self.sampler = self.parameters.read(RefineSamplerConfig)
         self.poses = self.parameters.read(PosesConfig)
         self._read_live()
@@ -77,23 +83,16 @@ class RefineServer(Node):
         self.corrector = Corrector()
         self._outdated = False  # scans in the window moved since sampling began
         self._corrected_at = -CORRECTING_S
-        self.corrected = TrajectoryIntake(self, self.intake, self.correct)
-        state_file = self._state_file()
-        started = time.monotonic()
-        warm_up(self.sampler)
-        self.get_logger().info(f'kernels ready after {time.monotonic() - started:.2f} s')
-
+        self.corrected: TrajectoryIntake | None = None
         self.worker = RefineWorker(
             self.sampler,
             self.poses,
             map_every_s=self.settings.map_update_interval,
-            state_file=state_file,
+            state_file=self._state_file(),
             niceness=self.settings.niceness,
             log=self.get_logger().info,
         )
-        self.maps = RefinedMaps(
-            self, self.intake.settings.map_frame, self.parameters.read(OutputConfig), self.shown
-        )
+        self.maps = RefinedMaps(self, self.intake.settings.map_frame, self.output, self.shown)
         self.trajectory = TrajectoryPublisher(self)
         self.diagnostics = Diagnostics(self, 'refining')
         self._reported_error = ''
@@ -102,13 +101,27 @@ class RefineServer(Node):
         self.create_service(Trigger, '~/clear', self.on_clear)
         self.create_service(Trigger, '~/save_map', self.on_save_map)
         self.create_service(GetMap, '~/get_map', self.on_get_map)
+        self.every(DIAGNOSTICS_S, self.publish_diagnostics)
+
+    def warm_up(self) -> None:
+        """Compile what sampling needs."""
+        warm_up(self.sampler)
+
+    def begin(self) -> None:
+        """Subscribe and record, and publish from now on."""
         self.intake.subscribe()
-        # Real time, so that publishing goes on while a simulated clock stands still.
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(HOUSEKEEPING_S, self.on_housekeeping, clock=steady)
-        self.create_timer(DIAGNOSTICS_S, self.publish_diagnostics, clock=steady)
-        self.add_on_set_parameters_callback(self.parameters.check)
-        self.add_post_set_parameters_callback(self.on_parameters_set)
+        self.corrected = TrajectoryIntake(self, self.intake, self.correct)
+        self.every(HOUSEKEEPING_S, self.on_housekeeping)
+
+    def end(self) -> None:
+        """End sampling; the recording and the last map stay."""
+        self.worker.stop()
+        self.intake.clear()
+
+    def tear_down(self) -> None:
+        """Forget recording, chains and map."""
+        self.worker.close()
+        del self.worker, self.recording, self.maps, self.intake
 
     def _read_live(self) -> None:
         self.settings = self.parameters.read(RefineServerConfig)
@@ -155,7 +168,8 @@ class RefineServer(Node):
     def on_housekeeping(self) -> None:
         """Drop scans that waited too long; publish what the worker handed over."""
         self.intake.pass_on()
-        self.corrected.adapt()
+        if self.corrected is not None:
+            self.corrected.adapt()
         self.sample_corrected()
         if self.worker.failure is not None:
             raise self.worker.failure
@@ -178,7 +192,8 @@ class RefineServer(Node):
         values = {
             **self.intake.values(),
             **recording.values(),
-            **self.corrected.values(),
+            **(self.corrected.values() if self.corrected else {}),
+            'working': self.working,
             'state': status.state,
             'scans sampled': status.scans,
             'rays': status.rays,
@@ -193,11 +208,12 @@ class RefineServer(Node):
         }
         new_error = status.error != self._reported_error
         self._reported_error = status.error
-        message = f'{len(recording)} scans recorded, {status.state}'
+        message = self.compiling or f'{len(recording)} scans recorded, {status.state}'
         if status.stopped:
             message += f' ({status.stopped})'
         warn = bool(self.intake.problems.new()) or (new_error and bool(status.error))
-        self.diagnostics.publish(message, values, warn=warn, health=self.intake.health())
+        health = self.intake.health() if self.working else WELL
+        self.diagnostics.publish(message, values, warn=warn, health=health)
 
     # -- services and parameters ------------------------------------------------------------
 
@@ -205,7 +221,9 @@ class RefineServer(Node):
         """Sample what is recorded now; the answer does not wait for anything."""
         recording, size = self.recording, self.recording.size
         limit = self.sampler.window.max_memory_mb
-        if len(recording) == 0:
+        if not self.active:
+            response.success, response.message = False, 'not active: activate the node first'
+        elif len(recording) == 0:
             waiting, lost = len(self.intake.placer), self.intake.problems.all().total()
             response.success, response.message = (
                 False,
@@ -272,7 +290,7 @@ class RefineServer(Node):
         except OgmError as error:
             response.success, response.message = False, str(error)
         else:
-            response.success, response.message = True, str(paths['yaml'].absolute())
+            response.success, response.message = True, saved_text(grid_map, paths['yaml'])
             self.worker.save_state()
         return response
 
@@ -286,7 +304,7 @@ class RefineServer(Node):
             response.map = self.maps.map_message(result)
         return response
 
-    def on_parameters_set(self, _: list[Parameter]) -> None:
+    def parameters_changed(self) -> None:
         """Take over what `REFINE_LIVE_PARAMETERS` allows to change."""
         self._read_live()
         self.intake.configure(
@@ -300,15 +318,18 @@ class RefineServer(Node):
 
     def finish(self) -> None:
         """End sampling and publish its last map, while ROS is still there."""
+        if not self.configured:
+            return
         self.worker.close()
-        if self.context.ok() and self.worker.failure is None:
+        if self.working and self.context.ok() and self.worker.failure is None:
             self.publish_maps()
             self.maps.flush(FLUSH_S)
 
     def destroy_node(self) -> None:
         """Leave no thread behind."""
-        if hasattr(self, 'worker'):
-            self.worker.close()
+        worker = getattr(self, 'worker', None)
+        if worker is not None:
+            worker.close()
         super().destroy_node()
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import array
 import time
 from collections.abc import Callable
 
@@ -11,23 +10,14 @@ from nav_msgs.msg import OccupancyGrid
 from rclpy.duration import Duration
 from rclpy.node import Node
 
-from ogm_mcmc.arrays import Int8Array
 from ogm_mcmc.config import OutputConfig
 from ogm_mcmc.engine.map_view import rendered
 from ogm_mcmc.engine.worker import RefinedMap
 from ogm_mcmc.geometry import GridMap, GridSpec
-from ogm_mcmc.io.messages import fill_grid_header
+from ogm_mcmc.ros.grid_publisher import grid_message
 from ogm_mcmc.ros.latched_topic import LatchedTopic
 
 __all__ = ['RefinedMaps']
-
-
-def grid_message(values: Int8Array, spec: GridSpec, frame_id: str, stamp_ns: int) -> OccupancyGrid:
-    """Return an OccupancyGrid of values (height, width): 0..100, -1 unknown."""
-    message = OccupancyGrid()
-    fill_grid_header(message, spec, frame_id, stamp_ns)
-    message.data = array.array('b', values.tobytes())
-    return message
 
 
 class _Topic:
@@ -119,8 +109,3 @@ class RefinedMaps:
         """Wait until every listener has what was sent, before the node goes."""
         limit = Duration(nanoseconds=round(timeout_s * 1e9))
         self.map.topic.publisher.wait_for_all_acked(limit)
-
-    def destroy(self) -> None:
-        """Leave all topics."""
-        for one in self.all:
-            one.topic.destroy()

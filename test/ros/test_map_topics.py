@@ -12,7 +12,7 @@ from nav_msgs.msg import MapMetaData, OccupancyGrid
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_srvs.srv import Trigger
 from support.nav2_rules import FREE, WALL, amcl_cells, static_layer_cells
-from support.ros import NodeProcess, Observer
+from support.ros import NodeProcess, Observer, takes_scans
 
 from ogm_mcmc.config import MapperConfig
 from ogm_mcmc.engine.bag_scans import PlacedScans, StreamChoice, choose_topics
@@ -59,8 +59,8 @@ def values_of(reports):
 def drive(observer, bag, key, *extra):
     """Replay a bag; wait until a node has used every scan."""
     reports = observer.collect(DiagnosticArray, '/diagnostics', 10)
-    observer.until(lambda: bool(reports), 60.0)
-    arguments = [str(bag), '--rate', '0', '--wait', '20', '--wait-topics', '2', *extra]
+    observer.until(lambda: takes_scans(reports), 200.0)
+    arguments = [str(bag), '--rate', '0', '--wait', '200', '--wait-topics', '2', *extra]
     with NodeProcess('replay', arguments) as player:
         observer.until(lambda: not player.running(), 60.0)
         assert player.wait() == 0, player.output

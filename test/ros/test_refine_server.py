@@ -19,7 +19,7 @@ from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
 from sensor_msgs.msg import LaserScan
 from std_srvs.srv import Trigger
-from support.ros import NodeProcess, Observer
+from support.ros import NodeProcess, Observer, takes_scans
 
 from ogm_mcmc.io.map_files import load_map
 from ogm_mcmc.io.recording_bag import write_recording
@@ -71,7 +71,7 @@ class Client:
         self.observer = observer
         self.maps = observer.collect(OccupancyGrid, 'map_refined', LATCHED)
         self.reports = observer.collect(DiagnosticArray, '/diagnostics', 10)
-        observer.until(lambda: bool(self.reports), 60.0)
+        observer.until(lambda: takes_scans(self.reports), 200.0)
 
     def values(self):
         return {item.key: item.value for item in self.reports[-1].status[0].values}
@@ -94,7 +94,7 @@ class Client:
         return self.observer.call(Trigger, f'refine_server/{name}', Trigger.Request())
 
     def replay(self, bag, *extra):
-        arguments = [str(bag), '--wait', '20', '--wait-topics', '2', *map(str, extra)]
+        arguments = [str(bag), '--wait', '200', '--wait-topics', '2', *map(str, extra)]
         with NodeProcess('replay', arguments) as player:
             self.observer.until(lambda: not player.running(), 90.0)
             assert player.wait() == 0, player.output
@@ -181,7 +181,8 @@ def test_from_scans_to_a_map_near_the_truth(walks, tmp_path):
         assert (doubt[cells == 100] <= 94).all()  # the entropy of occupied_thresh
 
         saved = client.call('save_map')
-        assert saved.message == str(tmp_path / 'map_refined.yaml')
+        assert saved.message.startswith(f'{tmp_path / "map_refined.yaml"}: ')
+        assert ' cells of 0.1 m, ' in saved.message
         from_file = load_map(tmp_path / 'map_refined.yaml').probability
         assert (from_file == 1.0).sum() == (cells >= 65).sum()
         assert (tmp_path / 'map_refined.png').stat().st_size > 500
@@ -213,7 +214,7 @@ def test_answers_at_once_and_misses_no_scan_while_it_samples(walks):
         observer.until(lambda: all(c.service_is_ready() for c in callers.values()))
         took = []
         # Recorded at 10/6 Hz.
-        arguments = [str(walks[1]), '--rate', '36', '--wait', '20', '--wait-topics', '2']
+        arguments = [str(walks[1]), '--rate', '36', '--wait', '200', '--wait-topics', '2']
         with NodeProcess('replay', arguments) as player:
             while player.running():
                 for name in ('get_map', 'refine', 'get_map', 'refine', 'stop', 'refine'):
@@ -310,7 +311,7 @@ def test_publisher_vanishes_and_the_end_comes_in_mid_sweep(walks):
     """The player is killed half way; what was recorded is refined; SIGINT brings a last map."""
     with server(**ENDLESS, map_update_interval=3000.0) as node, Observer() as observer:
         client = Client(observer)
-        arguments = [str(walks[0]), '--rate', '20', '--wait', '20', '--wait-topics', '2']
+        arguments = [str(walks[0]), '--rate', '20', '--wait', '200', '--wait-topics', '2']
         with NodeProcess('replay', arguments) as player:
             observer.until(lambda: int(client.values()['scans recorded']) > 40)
             player.process.kill()

@@ -16,7 +16,7 @@ from nav_msgs.msg import OccupancyGrid
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import DescribeParameters, SetParameters
 from std_srvs.srv import SetBool, Trigger
-from support.ros import NodeProcess, Observer
+from support.ros import NodeProcess, Observer, takes_scans
 
 from ogm_mcmc.config import MapperConfig, OutputConfig
 from ogm_mcmc.engine.bag_scans import PlacedScans, StreamChoice, choose_topics
@@ -43,7 +43,7 @@ def offline_pipeline(bag_path):
 
 
 def replay(bag_path, *extra):
-    arguments = [str(bag_path), '--wait', '20', '--wait-topics', '2', *map(str, extra)]
+    arguments = [str(bag_path), '--wait', '200', '--wait-topics', '2', *map(str, extra)]
     return NodeProcess('replay', arguments)
 
 
@@ -67,7 +67,7 @@ def test_live_map_equals_offline_map(office_bag, mapper, tmp_path):
         maps = observer.collect(OccupancyGrid, 'map', LATCHED)
         entropies = observer.collect(OccupancyGrid, 'online_mapper/entropy', LATCHED)
         reports = observer.collect(DiagnosticArray, '/diagnostics', 10)
-        observer.until(lambda: bool(reports))
+        observer.until(lambda: takes_scans(reports), 200.0)
         with replay(office_bag, '--rate', 0) as player:
             observer.until(lambda: not player.running(), 90.0)
             assert player.wait() == 0, player.output
@@ -88,9 +88,13 @@ def test_live_map_equals_offline_map(office_bag, mapper, tmp_path):
     assert last.info.origin.position.x == pytest.approx(view.spec.origin_x_m)
     assert last.info.origin.orientation.w == 1.0
     assert saved.success, saved.message
-    assert saved.message == str(tmp_path / 'map.yaml')
+    where, size = saved.message.split(': ')
+    assert where == str(tmp_path / 'map.yaml')
     from_file, offline = load_map(tmp_path / 'map.yaml'), pipeline.map()
     assert from_file.probability.shape == offline.probability.shape
+    height, width = offline.probability.shape
+    known = np.isfinite(offline.probability).mean()
+    assert size == f'{width} x {height} cells of 0.05 m, {100 * known:.1f} % of them known'
     assert np.array_equal(from_file.probability == 1.0, offline.probability >= 0.65)
     assert np.array_equal(from_file.probability == 0.0, offline.probability <= 0.25)
     assert mapper.stop() == 0, mapper.output

@@ -63,6 +63,8 @@ def local_node(make: Any = Node, name: str = 'local', **options: Any) -> Iterato
     executor.add_node(node)
     node.until = lambda condition, timeout_s=10.0: spin_until(executor, condition, timeout_s)
     try:
+        # One of ours compiles its kernels first, beside.
+        node.until(lambda: getattr(node, 'working', True), 300.0)
         yield node
     finally:
         executor.shutdown()

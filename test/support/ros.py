@@ -17,7 +17,7 @@ from rclpy.node import Node
 
 from ogm_mcmc.ros.asking import ask
 
-__all__ = ['NodeProcess', 'Observer', 'spin_until']
+__all__ = ['NodeProcess', 'Observer', 'spin_until', 'takes_scans']
 
 
 class NodeProcess:
@@ -35,7 +35,7 @@ class NodeProcess:
             text = str(value).lower() if isinstance(value, bool) else str(value)
             ros_args += ['-p', f'{name}:={text}']
         self.command = [
-            *(command or (sys.executable, '-m', f'ogm_mcmc.ros.{module}')),
+            *(command or (sys.executable, '-m', 'ogm_mcmc.ros', module)),
             *arguments,
             *(['--ros-args', *ros_args] if ros_args else []),
         ]
@@ -135,6 +135,12 @@ class Observer:
         except TimeoutError:
             return False
         return True
+
+
+def takes_scans(reports: Sequence[Any]) -> bool:
+    """Whether the diagnostics of a node say that it has compiled its kernels and subscribed."""
+    values = reports[-1].status[0].values if reports else ()
+    return any((item.key, item.value) == ('working', 'True') for item in values)
 
 
 def spin_until(

@@ -1,0 +1,54 @@
+"""Entry points of the nodes: the installed scripts and `python3 -m ogm_mcmc.ros NODE`.
+
+Whoever starts a node may stop it at once. Until it can handle signals by itself (`StopSignal`)
+there is nothing to clean up, so SIGINT and SIGTERM end the process on the spot, with code 0.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import signal
+import sys
+import threading
+
+__all__ = ['NODES', 'online_mapper', 'refine_server', 'replay', 'run']
+
+NODES = ('online_mapper', 'refine_server', 'replay')
+
+
+def online_mapper() -> None:
+    """Run the node `online_mapper` until Ctrl-C or SIGTERM."""
+    run('online_mapper')
+
+
+def refine_server() -> None:
+    """Run the node `refine_server` until Ctrl-C or SIGTERM."""
+    run('refine_server')
+
+
+def replay() -> None:
+    """Run the node `replay` until it is done, Ctrl-C or SIGTERM."""
+    run('replay')
+
+
+def run(node: str) -> None:
+    """Run a node of `NODES` and leave with its exit code."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        if signal.getsignal(number) is not signal.SIG_IGN:  # as under nohup
+            signal.signal(number, lambda *_: os._exit(0))
+    main = importlib.import_module(f'ogm_mcmc.ros.{node}').main
+    try:
+        main()
+    except SystemExit as end:
+        leave(end.code if isinstance(end.code, int) else int(end.code is not None))
+
+
+def leave(code: int) -> None:
+    """End the process; without waiting where a thread is in the compiler, which cannot stop."""
+    busy = [one for one in threading.enumerate() if one is not threading.main_thread()]
+    if busy:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
+    sys.exit(code)
