@@ -1,7 +1,8 @@
 """What numbers an option may have, said of the option as it is typed and in its own unit.
 
 For options that are converted, or handed to something with names and units of its own: its
-complaint would speak of a value that nobody typed. Settings check themselves (`ogm_mcmc.config`).
+complaint would speak of a value that the user did not type. Settings check themselves
+(`ogm_mcmc.config`).
 """
 
 from __future__ import annotations

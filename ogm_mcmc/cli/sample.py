@@ -90,19 +90,26 @@ def add_to(subparsers: Subparsers) -> None:
     )
     parser.add_argument('--name', default='map', help='name of the files')
     parser.add_argument(
-        '--samples', type=int, default=0, metavar='N', help='write so many whole maps as well'
+        '--samples',
+        type=int,
+        default=0,
+        metavar='N',
+        help='also write N maps drawn from the posterior',
     )
     parser.add_argument(
-        '--thin', type=int, metavar='T', help='sweeps between maps of one chain (default: 10)'
+        '--thin',
+        type=int,
+        metavar='T',
+        help='sweeps between drawn maps of a chain (default: 10)',
     )
     parser.add_argument(
         '--state',
         type=Path,
         metavar='FILE',
-        help='go on from this file if it is there; save to it',
+        help='continue from this state file if it exists, and save the state to it',
     )
     parser.add_argument(
-        '--start-map', type=Path, metavar='FILE', help='map (.yaml, .npz) where chains start'
+        '--start-map', type=Path, metavar='FILE', help='first map of all chains (.yaml, .npz)'
     )
     add_config_options(parser, 'sampling', *CONFIGS, without=('output',), short=SHORT)
     add_stream_options(parser)

@@ -19,7 +19,7 @@ from ogm_mcmc.geometry import SensorMount
 
 __all__ = ['MountFound', 'Mounts', 'mounts_setting', 'names_a_place']
 
-# Further lines about mounts help nobody.
+# At most this many lines about mounts are logged.
 MAX_TOLD = 20
 
 

@@ -31,7 +31,7 @@ JOIN_S = 60.0
 # There is always time for a round of sampling.
 LEAST_S = 0.01
 
-# Building an index cannot be interrupted, and half of one is worth nothing: nobody waits for it.
+# Building an index cannot be interrupted, and half of one is of no use: it is not waited for.
 LEAVE_INDEXING_S = 1.0
 
 
@@ -178,7 +178,7 @@ class RefineWorker:
         while self.running and time.monotonic() - began < JOIN_S:
             self._thread.join(0.05)
             if self.status.state == 'indexing' and time.monotonic() - began > LEAVE_INDEXING_S:
-                self.log('left an index unfinished')
+                self.log('stopped while the index was being built')
                 return
 
     @property
@@ -285,9 +285,9 @@ class RefineWorker:
             try:
                 refinement.resume(self.state_file)
             except WindowError as error:
-                self.log(f'starts anew: {error}')
+                self.log(f'starts new chains: {error}')
             else:
-                self.log(f'goes on from {self.state_file}')
+                self.log(f'continues from {self.state_file}')
 
     def _end(self, order: _Order, progress: Progress) -> None:
         reason = (self._cancel or 'stopped') if progress.reason == 'cancelled' else progress.reason

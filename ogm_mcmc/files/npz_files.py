@@ -134,7 +134,7 @@ def _fill(stream: IO[bytes], into: memoryview) -> None:
 def npz_file(
     path: Path, what: str, error: type[OgmError], most_bytes: int = MOST_BYTES
 ) -> Iterator[NpzFile]:
-    """Open an NPZ; whatever goes wrong inside of the block is what its user is told of.
+    """Open an NPZ; any error inside the block becomes one line about the file.
 
     what   how the message names it: `an NPZ with samples`; most_bytes: of all arrays that are read
     Raises `error`: '<path>: expected <what> (<reason>)'.

@@ -83,8 +83,8 @@ class Scan:
 
         With `angle_max_rad` the angles must make sense together. When the number of ranges
         disagrees with it by more than a beam (drivers differ in whether the last angle is
-        included), `remark` is told, and the increment counts. So is it of times that no lidar
-        has: they become 0.
+        included), `remark` gets a line, and the increment counts. Times that no lidar has
+        become 0, with a line too.
         """
         # Always a copy: a read-only array would be another type to the kernels.
         ranges = np.array(ranges_m, dtype=np.float32)

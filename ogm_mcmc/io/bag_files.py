@@ -72,7 +72,7 @@ def unpack_file(path: Path, folder: Path) -> Path:
 def plain_yaml(text: str) -> Any:
     """Return what a text of plain YAML says. Raises ValueError when it is none.
 
-    Aliases are refused: nobody writes them into a bag, and a few bytes of them grow without end.
+    Aliases are refused: no recorder writes them, and a few bytes of them grow without end.
     """
     if len(text) > LARGEST_YAML:
         raise ValueError(f'{len(text)} characters: expected at most {LARGEST_YAML}')

@@ -70,7 +70,7 @@ def read_scan(msg: Any, remark: Remark = say_nothing) -> Scan:
     """Read a sensor_msgs/LaserScan. Raises ScanError when it contradicts itself beyond use.
 
     A reading of exactly range_max is what many drivers send when nothing was hit: it becomes inf,
-    as REP 117 would have it. `remark` is told in a line what was odd and how it was understood.
+    as REP 117 would have it. `remark` gets one line for each odd value and how it was read.
     """
     ranges = msg.ranges
     # array.array of rclpy shares its memory with the message.

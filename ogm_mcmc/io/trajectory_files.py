@@ -10,7 +10,7 @@ g2o    `VERTEX_SE2 id x y yaw`, other lines are passed over      another file: `
 ====== ========================================================= ==========================
 
 Stamps are read as decimal numbers, not through floats, so that no nanosecond is lost. Lines that
-begin with # say nothing. The format is told from the first line that says something.
+begin with # are comments. The first other line decides the format.
 """
 
 from __future__ import annotations

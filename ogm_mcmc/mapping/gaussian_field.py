@@ -82,7 +82,7 @@ def solve_field(observed: AnyArray, config: RandomFieldConfig) -> Prediction:
 
     observed  (height, width) nats, nan where there is no observation
     With the n observations alone: l = mu + K_n (K_nn + sigma^2 I)^-1 (O - mu). This is Eq. 21
-    written so that K, which is hardly invertible in floating point, need not be inverted.
+    written so that K, which is close to singular, need not be inverted.
     """
     height, width = observed.shape
     rows, columns = np.mgrid[:height, :width].reshape(2, -1)

@@ -1,4 +1,4 @@
-"""The log-odds map as a Gaussian random field: predicts cells nobody has measured ([field])."""
+"""The log-odds map as a Gaussian random field: predicts unmeasured cells ([field])."""
 
 from __future__ import annotations
 

@@ -72,7 +72,7 @@ class ParameterSet:
         self.agree(self.values())
 
     def _warn_of_unknown(self) -> None:
-        """Say which given parameters nobody reads: a typo would otherwise go unnoticed."""
+        """Warn about given parameters that no setting reads, such as a misspelt name."""
         # rclpy offers no public way to what a parameter file or the command line gave.
         given = set(getattr(self.node, '_parameter_overrides', {}))
         for name in sorted(given):

@@ -12,7 +12,7 @@ __all__ = ['Problems']
 
 WARN_EVERY_S = 5.0
 
-# More remarks than this help nobody.
+# At most this many remarks are logged.
 MAX_REMARKS = 20
 
 

@@ -9,7 +9,7 @@ never agree about them, and they took more than half of the patches of a sweep.
 Decision. Cells are sampled within a margin of those that a ray tells something of, in patches
 that lie inside of that band. All others are one fixed map: solid. That is what unknown cells
 count as where the prior is learned (`LearningConfig.unknown`), so it is the prior's own state of
-space nobody saw, and it is no start: the posterior is that given this surrounding.
+space without data, and it is no start: the posterior is that given this surrounding.
 
 Far in front of all readings (`gain` 0) a patch is free but for one draw in thousands. Patches of
 such cells alone are drawn in one of eight sweeps, chosen at random: fixed probabilities of being

@@ -185,13 +185,13 @@ def test_state_is_written_when_asked_and_at_the_end(make, tmp_path):
     other.refine(scans(6), limits)
     until(lambda: idle(other, 'sweeps'))
     assert other.status.progress.sweeps == at_end + 30
-    assert said == [f'goes on from {state}']
+    assert said == [f'continues from {state}']
 
     third = make(state_file=state, log=said.append)
     third.refine(scans(5), limits)
     until(lambda: idle(third, 'sweeps'))
     assert third.status.progress.sweeps == 30
-    assert said[-1].startswith(f'starts anew: {state}: ')
+    assert said[-1].startswith(f'starts new chains: {state}: ')
 
 
 def test_a_state_that_cannot_be_written_is_said(make, tmp_path):
@@ -219,7 +219,7 @@ def test_an_index_is_not_waited_for(monkeypatch):
     assert 0.9 < time.monotonic() - started < 3.0
     assert worker.running
     assert worker.result is before
-    assert said == ['left an index unfinished']
+    assert said == ['stopped while the index was being built']
     go_on.set()
     until(lambda: not worker.running)
 

@@ -196,7 +196,7 @@ def test_from_scans_to_a_map_near_the_truth(walks, tmp_path):
         client.refine()
         client.wait_for(state='idle', stopped_because='sweeps', sweeps=800)
         stop(node)
-    assert 'goes on from' in node.output
+    assert 'continues from' in node.output
 
 
 def test_answers_at_once_and_misses_no_scan_while_it_samples(walks):
