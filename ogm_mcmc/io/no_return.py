@@ -150,7 +150,7 @@ def recognised_codes(scans: Sequence[LogScan], known: Sequence[Code] = ()) -> li
 
 
 def _step(values: Float64Array) -> float:
-    """Return the step that readings (distinct values) are counted in; too large rather than too small."""
+    """Return the step in which readings (distinct values) are counted; never too small."""
     return float(np.quantile(np.diff(values), 0.1))
 
 
