@@ -119,18 +119,26 @@ def look_up_in_turn(
 
 
 def relocate(
-    points: ScanPoints, poses: Float64Array, factors: PoseFactors, settings: LookUp
+    points: ScanPoints,
+    poses: Float64Array,
+    factors: PoseFactors,
+    settings: LookUp,
+    which: AnyArray | None = None,
 ) -> Float64Array:
     """Return the poses (K, 3) after every scan was looked up in what those of other parts saw.
 
-    Far from where it is only where that is likelier than the best pose near by.
+    Far from where it is only where that is likelier than the best pose near by. With `which`
+    only those scans are, in what all the others saw.
     """
     result = poses.copy()
     everyone = np.arange(points.n_scans)
-    for part in range(PARTS):
+    part_of = everyone % PARTS
+    if which is not None:
+        part_of = np.isin(everyone, which) - 1
+    for part in range(part_of.max() + 1):
         field = _Field(points, poses, settings)
-        field.add(everyone[everyone % PARTS != part], poses)
-        for k in everyone[everyone % PARTS == part]:
+        field.add(everyone[part_of != part], poses)
+        for k in everyone[part_of == part]:
             near, _ = field.look_up(int(k), poses[k], factors, wide=False)
             far, pose = field.look_up(int(k), factors.mean[k], factors, wide=True)
             if far > near and np.abs(wrapped(pose - poses[k])).max() > settings.step_m:

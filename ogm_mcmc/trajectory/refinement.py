@@ -32,6 +32,15 @@ STAGES = (
 # Poses are good enough by then to show how good their beliefs were.
 RESCALED_FROM_M = 0.4
 
+# After these, scans astray are looked up in what the others saw.
+COARSE = STAGES[:3]
+
+# A scan may be astray where its belief is wider than alignment reaches (standard deviations, m, m,
+# rad), or where so small a share of what is usual of its points lies on lines.
+VAGUE = (0.35, 0.35, 0.12)
+FITTING_SHARE = 0.6
+ASTRAY = LookUp(reach_rad=0.7)
+
 # Stages that a search begins with, and that its look-up of astray scans is followed by.
 SEARCH_STAGES = STAGES[:2]
 
@@ -87,9 +96,10 @@ class TrajectoryRefinement:
 
     @property
     def n_steps(self) -> int:
-        """Number of steps until all is done."""
+        """Number of steps until all is done, at most."""
         searching = 2 + sum(stage.steps for stage in SEARCH_STAGES) if self.config.search else 0
-        return searching + sum(stage.steps for stage in STAGES) + self.config.draws
+        again = 1 + sum(stage.steps for stage in COARSE[1:])
+        return searching + again + sum(stage.steps for stage in STAGES) + self.config.draws
 
     def run(
         self, max_time_s: float = math.inf, cancelled: Callable[[], bool] = lambda: False
@@ -112,7 +122,16 @@ class TrajectoryRefinement:
             before = self.poses
             self.poses = relocate(self.points, self.poses, self.factors, look_up)
             yield self._progress('looked up again', 0.0, self.poses - before)
-        for stage in STAGES:
+        for stage in COARSE:
+            yield from self._aligning(stage)
+        astray = self._astray()
+        if 0 < astray.size < len(self.poses):
+            before = self.poses
+            self.poses = relocate(self.points, before, self.factors, ASTRAY, astray)
+            yield self._progress('looked up those astray', 0.0, self.poses - before)
+            for stage in COARSE[1:]:
+                yield from self._aligning(stage)
+        for stage in STAGES[len(COARSE) :]:
             yield from self._aligning(stage)
         yield from self._drawing(STAGES[-1])
 
@@ -124,6 +143,17 @@ class TrajectoryRefinement:
                 said = self._said
                 self.factors = said.doubted(said.doubt(self.poses, self._system.blocks))
             yield self._progress('aligned', stage.side_m, self.poses - before)
+
+    def _astray(self) -> Int64Array:
+        """Return the scans that may be anywhere: little was said of them, or they fit badly."""
+        assert self._system is not None
+        variances = np.diagonal(np.linalg.inv(self.factors.precision), axis1=1, axis2=2)
+        vague = (variances > np.square(VAGUE)).any(axis=1)
+        weight = self._system.weight * self._system.variance
+        sums = np.bincount(self._system.scan, weight, minlength=self.points.n_scans)
+        share = sums / np.maximum(np.diff(self.points.starts), 1)
+        bad = vague | (share < FITTING_SHARE * np.median(share))
+        return np.flatnonzero(bad & (np.diff(self.points.starts) > 0))
 
     def _drawing(self, stage: Stage) -> Iterator[TrajectoryProgress]:
         system = SurfelSystem.around(self.points, self.poses, stage)

@@ -72,3 +72,19 @@ def test_a_shy_localizer_is_believed_more_than_it_says() -> None:
         # Ten beliefs speak against ten more that are taken to be as sure as they say.
         ratio = one.factors.precision[0, 0, 0] / said[0, 0]
         assert ratio == pytest.approx(1.8 if rescale else 1.0, abs=0.3 * rescale)
+
+
+def test_a_scan_whose_belief_is_vague_is_looked_up() -> None:
+    """A particle filter may not know which way the robot looks: alignment alone is led astray."""
+    vague = np.diag(np.square((0.2, 0.2, 0.3)))
+    off = START.copy()
+    off[6] = TRUTH[6] + (0.25, -0.2, 0.55)
+    beliefs = [
+        PoseBelief(pose, vague if k == 6 else SPREAD) for k, pose in enumerate(poses_of(off))
+    ]
+    one = TrajectoryRefinement(list(zip(SCANS, beliefs, strict=True)), TrajectoryConfig(draws=2))
+    doing = [progress.doing for progress in one.run()]
+    assert doing.count('looked up those astray') == 1
+    assert len(doing) <= one.n_steps
+    assert absolute_errors(one.poses, TRUTH).distance_m.max() < 0.03
+    assert absolute_errors(one.poses, TRUTH).turn_rad.max() < 0.02
