@@ -267,17 +267,17 @@ def _frames(tree: TransformTree, scan_frame: str, choice: StreamChoice) -> TfFra
 
 def _candidates(seen: BagSurvey, frames: TfFrames, scans: Sequence[str]) -> list[PoseCandidate]:
     base, tree = frames.base_frame, seen.tree
+    by_tf = tf_candidates(tree, base)
+    posed = {one.frame for one in by_tf}
     found = [
         PoseCandidate(name, one.topic.msgtype, one.frame, one.child_frame, (one.stamps,))
         for name, one in seen.topics.items()
         # What is said in the frame of the robot is no place of the robot.
-        if name not in scans and one.topic.msgtype in POSE_TYPES and not _below(tree, one, base)
+        if name not in scans
+        and one.topic.msgtype in POSE_TYPES
+        and (one.frame in posed or base not in tree.ancestors(one.frame))
     ]
-    return found + tf_candidates(tree, base)
-
-
-def _below(tree: TransformTree, topic: SeenTopic, base: str) -> bool:
-    return base in tree.ancestors(topic.frame)
+    return found + by_tf
 
 
 def _is_wanted(one: PoseCandidate, choice: StreamChoice) -> bool:

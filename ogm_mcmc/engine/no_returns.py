@@ -17,9 +17,9 @@ from ogm_mcmc.geometry import PlacedScan
 
 __all__ = ['NoReturnWatch', 'NoReturns']
 
-# Scans looked at, spread over all of them, and beams without a return of each.
-KEPT = 50
-MOST_BEAMS = 20
+# Scans looked at, spread over all of them, and beams without a return, spread over those.
+KEPT = 100
+MOST_BEAMS = 1500
 
 # A cell counts as hit when so many beams of other scans ended in it.
 HITS = 2
@@ -103,7 +103,8 @@ class NoReturnWatch:
         missing = np.flatnonzero(scan.ranges_m == np.inf)
         if not missing.size or not math.isfinite(reach):
             return np.zeros((0, 1), np.int64)
-        some = missing[:: -(-missing.size // MOST_BEAMS)]
+        most = max(1, MOST_BEAMS // len(self._kept))
+        some = missing[:: -(-missing.size // most)]
         along = np.arange(self.resolution_m, reach, self.resolution_m)
         ends = _ends(placed, np.repeat(some, along.size), np.tile(along, some.size))
         return self._names(ends).reshape(some.size, along.size)

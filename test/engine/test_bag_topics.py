@@ -164,6 +164,22 @@ def test_what_is_said_in_the_frame_of_the_robot_is_no_pose_of_it(choose, scans):
     assert '/nearest' not in said[0]
 
 
+def test_odometry_whose_frame_hangs_below_the_base(choose, scans):
+    """KISS-ICP sends tf from the base down to odom_lidar, not to give it a second parent."""
+    records = [*scans(), static('laser', 0.2, 0.0, 0.0)]
+    for k, (_, stamp, message) in enumerate(odometry()):
+        message.header.frame_id = 'odom_lidar'
+        records.append(('/kiss/odometry', stamp, message))
+        inverse = transform(stamp, 'base_link', 'odom_lidar', -0.1 * k, 0.0, 0.0)
+        records.append(('/tf', stamp, inverse))
+    topics, placed, said = choose(records)
+    assert topics.pose_name == '/kiss/odometry'
+    assert 'also there: tf odom_lidar -> base_link 100 %' in said[0]
+    assert placed[3].pose.x_m == pytest.approx(0.5)
+    _, by_tf, _ = choose(records, pose_source='tf')
+    assert by_tf[3].pose.x_m == pytest.approx(0.5)
+
+
 def test_two_lasers_on_two_topics(choose, scans):
     """Stamps are the same; each has its mount, and the second of one sensor is left out."""
     records = [
