@@ -64,7 +64,7 @@ def same_view(before: Scan, now: Scan) -> bool:
     seen, both = first | second, first & second
     if np.count_nonzero(both) < FEWEST_BEAMS:
         return False
-    with np.errstate(invalid='ignore'):
+    with np.errstate(invalid='ignore', over='ignore'):
         off = np.abs(before.ranges_m - now.ranges_m)
         alike = both & (off <= SLACK_M + SLACK_SHARE * before.ranges_m)
     if np.count_nonzero(alike) < ALIKE * np.count_nonzero(seen):

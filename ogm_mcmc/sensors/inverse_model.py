@@ -28,6 +28,10 @@ __all__ = [
 SIGMAS_BEHIND = 3.0
 
 
+# Across 100 m a hundredth of a millimetre.
+THINNEST_RAD = 1e-7
+
+
 @dataclass(frozen=True)
 class GaussianInverseModel:
     """The step smoothed by the noise of the range ([pose] Eq. 4).
@@ -94,8 +98,8 @@ class SonarInverseModel:
         return near + (far - near) * min(reading_m / range_max_m, 1.0)
 
     def sigma_rad(self, opening_angle_rad: float) -> float:
-        """Return the standard deviation across the angle."""
-        return 0.5 * opening_angle_rad * self.config.sigma_share
+        """Return the standard deviation across the angle; a cone may be as thin as a line."""
+        return max(0.5 * opening_angle_rad * self.config.sigma_share, THINNEST_RAD)
 
     def log_odds(
         self,

@@ -96,6 +96,15 @@ def test_a_cone_narrower_than_a_cell_leaves_no_holes():
         assert np.isfinite(near).any()
 
 
+@pytest.mark.parametrize('width', [5e-324, 1e-310, 1e-20])
+def test_a_cone_as_thin_as_a_line(width):
+    method = mapper()
+    method.update(PlacedScan.at(cone(1.0, width), Pose2D(0.05, 0.05)))
+    shown = measured_cells(method.probabilities(method.spec.box), method.spec.box)
+    assert {cell for cell, p in shown.items() if p < 0.5} >= {(c, 0) for c in range(1, 5)}
+    assert all(row == 0 for _, row in shown)
+
+
 def test_the_field_of_view_of_the_reading_counts_before_the_parameter():
     def measured(width, **sonar):
         method = mapper(sonar=SonarModelConfig(**sonar))
