@@ -40,6 +40,12 @@ from ogm_mcmc.io.tum_files import write_beliefs
 from ogm_mcmc.ros.diagnostics import DIAGNOSTICS_S, Diagnostics
 from ogm_mcmc.ros.intake_health import WELL
 from ogm_mcmc.ros.managed_node import ManagedNode
+from ogm_mcmc.ros.refine_report import (
+    disagreement,
+    order_text,
+    progress_text,
+    progress_values,
+)
 from ogm_mcmc.ros.refined_maps import RefinedMaps
 from ogm_mcmc.ros.running import run_node
 from ogm_mcmc.ros.scan_intake import ScanIntake
@@ -95,7 +101,8 @@ class RefineServer(ManagedNode):
         self.maps = RefinedMaps(self, self.intake.settings.map_frame, self.output, self.shown)
         self.trajectory = TrajectoryPublisher(self)
         self.diagnostics = Diagnostics(self, 'refining')
-        self._reported_error = ''
+        self._reported_error = self._reported_lack = ''
+        self._sampled_until = self.stop
         self.create_service(Trigger, '~/refine', self.on_refine)
         self.create_service(Trigger, '~/stop', self.on_stop)
         self.create_service(Trigger, '~/clear', self.on_clear)
@@ -198,7 +205,7 @@ class RefineServer(ManagedNode):
             'scans sampled': status.scans,
             'rays': status.rays,
             'memory (MB)': f'{status.n_bytes / 1e6:.1f}',
-            **_progress_values(status.progress),
+            **progress_values(status.progress),
             'poses': self.poses.poses,
             **correction_values(None if result is None else result.trajectory),
             'stopped because': status.stopped,
@@ -209,9 +216,15 @@ class RefineServer(ManagedNode):
         new_error = status.error != self._reported_error
         self._reported_error = status.error
         message = self.compiling or f'{len(recording)} scans recorded, {status.state}'
-        if status.stopped:
-            message += f' ({status.stopped})'
+        stop, lacking = self._sampled_until, disagreement(status, self._sampled_until)
+        details = lacking or progress_text(status, stop) or status.stopped
+        if details:
+            message += f' ({details})'
+        if lacking and lacking != self._reported_lack:
+            self.get_logger().warning(f'refinement {lacking}')
+        self._reported_lack = lacking
         warn = bool(self.intake.problems.new()) or (new_error and bool(status.error))
+        warn = warn or bool(lacking)
         health = self.intake.health() if self.working else WELL
         self.diagnostics.publish(message, values, warn=warn, health=health)
 
@@ -242,12 +255,20 @@ class RefineServer(ManagedNode):
                 f'window.max_memory_mb = {limit:g}',
             )
         else:
-            replaced = self.worker.refine(recording.snapshot(), self.stop)
-            response.success, response.message = (
-                True,
-                f'sampling {len(recording)} scans, {size.rays} rays'
-                + (', instead of those before' if replaced else ''),
+            status = self.worker.status
+            last = disagreement(status, self._sampled_until)
+            text = order_text(
+                len(recording),
+                size.rays,
+                self.stop,
+                status.progress,
+                bool(self.settings.state_file),
             )
+            self._sampled_until = self.stop
+            replaced = self.worker.refine(recording.snapshot(), self.stop)
+            text += ', instead of those before' if replaced else ''
+            text += f'; the last one {last}' if last else ''
+            response.success, response.message = True, text
         return response
 
     def on_stop(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -331,22 +352,6 @@ class RefineServer(ManagedNode):
         if worker is not None:
             worker.close()
         super().destroy_node()
-
-
-def _progress_values(progress: Any) -> dict[str, object]:
-    if progress is None:
-        return {'sweeps': 0, 'sweeps counted': 0}
-    return {
-        'sweeps': progress.sweeps,
-        'sweeps counted': progress.counted,
-        'seconds': f'{progress.seconds:.1f}',
-        'sweeps per second': f'{progress.sweeps_per_s:.1f}',
-        'R-hat (99 % of cells below)': f'{progress.r_hat_p99:.3f}',
-        'cells that agree (share)': f'{progress.agreeing_share:.4f}',
-        'effective samples (median)': f'{progress.ess_median:.0f}',
-        'standard error (largest)': f'{progress.mcse_max:.4f}',
-        'log-likelihood': f'{progress.log_likelihood:.1f}',
-    }
 
 
 def main(args: list[str] | None = None) -> None:

@@ -1,0 +1,67 @@
+"""What `refine_server` says of its sampling: in answers, in the log and in diagnostics."""
+
+from __future__ import annotations
+
+from ogm_mcmc.config import StopConfig
+from ogm_mcmc.engine.refinement import Progress
+from ogm_mcmc.engine.worker import WorkerStatus
+
+__all__ = ['disagreement', 'order_text', 'progress_text', 'progress_values']
+
+
+def order_text(
+    scans: int, rays: int, stop: StopConfig, before: Progress | None, state_file: bool
+) -> str:
+    """Return the answer to an order: what is sampled, for how long at most, from where."""
+    limits = f'for at most {stop.max_time:g} s and {stop.max_sweeps} sweeps'
+    if before is not None and before.sweeps > 0:
+        start = f'goes on from the chains of {before.sweeps} earlier sweeps'
+    elif state_file:
+        start = 'goes on from the state file if it fits, else with new chains'
+    else:
+        start = 'begins with new chains'
+    return f'sampling {scans} scans, {rays} rays, {limits}; {start}'
+
+
+def progress_text(status: WorkerStatus, stop: StopConfig) -> str:
+    """Return how far sampling is, for people; empty while there is nothing to say."""
+    progress = status.progress
+    if status.state != 'sampling' or progress is None:
+        return ''
+    share = 100.0 * progress.seconds / stop.max_time
+    return (
+        f'{progress.sweeps} sweeps, {share:.0f} % of the time, '
+        f'{100.0 * progress.agreeing_share:.1f} % of the cells agree'
+    )
+
+
+def disagreement(status: WorkerStatus, stop: StopConfig) -> str:
+    """Return by how much a refinement that has ended lacks agreement; empty if it does not."""
+    progress = status.progress
+    ended = status.state == 'idle' and status.stopped in ('time', 'sweeps', 'stopped')
+    if progress is None or not ended or stop.r_hat == 0.0:
+        return ''
+    if progress.agreeing_share >= stop.agreeing_share:
+        return ''
+    return (
+        f'ended without agreement ({status.stopped}): R-hat is below {stop.r_hat:g} in '
+        f'{100.0 * progress.agreeing_share:.1f} % of the cells, expected '
+        f'{100.0 * stop.agreeing_share:g} %'
+    )
+
+
+def progress_values(progress: Progress | None) -> dict[str, object]:
+    """Return the figures of sampling, for /diagnostics."""
+    if progress is None:
+        return {'sweeps': 0, 'sweeps counted': 0}
+    return {
+        'sweeps': progress.sweeps,
+        'sweeps counted': progress.counted,
+        'seconds': f'{progress.seconds:.1f}',
+        'sweeps per second': f'{progress.sweeps_per_s:.1f}',
+        'R-hat (99 % of cells below)': f'{progress.r_hat_p99:.3f}',
+        'cells that agree (share)': f'{progress.agreeing_share:.4f}',
+        'effective samples (median)': f'{progress.ess_median:.0f}',
+        'standard error (largest)': f'{progress.mcse_max:.4f}',
+        'log-likelihood': f'{progress.log_likelihood:.1f}',
+    }

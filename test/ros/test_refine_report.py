@@ -1,0 +1,60 @@
+"""What a user reads of a refinement: limits, progress, and by how much agreement is missed."""
+
+import pytest
+
+pytest.importorskip('rclpy', reason='rclpy is not installed: no ROS tests')
+
+from ogm_mcmc.config import StopConfig
+from ogm_mcmc.engine.refinement import Progress
+from ogm_mcmc.engine.worker import WorkerStatus
+from ogm_mcmc.ros.refine_report import disagreement, order_text, progress_text
+
+STOP = StopConfig(max_time=40.0, max_sweeps=500, r_hat=1.1, agreeing_share=0.99)
+
+
+def progress(share, sweeps=120):
+    return Progress(sweeps, 100, 10.0, 12.0, share, 1.3, 50.0, 0.1, -100.0)
+
+
+def test_the_answer_says_how_much_how_long_and_from_where():
+    text = order_text(8, 900, STOP, None, False)
+    assert text == (
+        'sampling 8 scans, 900 rays, for at most 40 s and 500 sweeps; begins with new chains'
+    )
+    assert order_text(8, 900, STOP, progress(0.5), True).endswith(
+        'goes on from the chains of 120 earlier sweeps'
+    )
+    assert 'state file' in order_text(8, 900, STOP, None, True)
+
+
+def test_progress_is_in_percent_of_the_limit():
+    status = WorkerStatus('sampling', progress=progress(0.957))
+    assert progress_text(status, STOP) == '120 sweeps, 25 % of the time, 95.7 % of the cells agree'
+    assert progress_text(WorkerStatus('indexing'), STOP) == ''
+
+
+@pytest.mark.parametrize('reason', ['time', 'sweeps', 'stopped'])
+def test_an_end_without_agreement_says_by_how_much(reason):
+    status = WorkerStatus('idle', progress=progress(0.957), stopped=reason)
+    assert disagreement(status, STOP) == (
+        f'ended without agreement ({reason}): R-hat is below 1.1 in 95.7 % of the cells, '
+        'expected 99 %'
+    )
+
+
+@pytest.mark.parametrize(
+    'status',
+    [
+        WorkerStatus('idle', progress=progress(0.995), stopped='time'),
+        WorkerStatus('idle', progress=progress(0.5), stopped='cleared'),
+        WorkerStatus('sampling', progress=progress(0.5)),
+        WorkerStatus(),
+    ],
+)
+def test_nothing_is_said_where_all_is_well_or_under_way(status):
+    assert disagreement(status, STOP) == ''
+
+
+def test_without_the_rule_nothing_is_missed():
+    status = WorkerStatus('idle', progress=progress(0.5), stopped='time')
+    assert disagreement(status, StopConfig(r_hat=0.0)) == ''
