@@ -27,6 +27,7 @@ setup(
         (f'share/{PACKAGE}', ['package.xml']),
         (f'share/{PACKAGE}/config', glob('config/*.yaml')),
         (f'share/{PACKAGE}/launch', glob('config/launch/*.launch.py')),
+        (f'share/{PACKAGE}/view', glob('config/view/*')),
         (f'share/{PACKAGE}/priors', glob('config/priors/*')),
     ],
     python_requires='>=3.11',

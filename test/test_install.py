@@ -105,6 +105,8 @@ def test_colcon_builds_and_the_executables_run(clean_copy, tmp_path, office_bag)
         assert (share / 'config' / f'{node}.yaml').is_file()
         assert (share / 'launch' / f'{node}.launch.py').is_file()
     assert (share / 'priors' / 'buildings.npz').is_file()
+    assert {'maps.rviz', 'maps.foxglove.json'} <= {one.name for one in (share / 'view').iterdir()}
+    assert (share / 'launch' / 'nav2.launch.py').is_file()
     assert (install / 'share/ament_index/resource_index/packages/ogm_mcmc').is_file()
 
     from std_srvs.srv import Trigger

@@ -1,10 +1,20 @@
-"""Launch files find the parameters through the ament index, wherever they lie themselves."""
+"""Launch files, with stand-ins for launch: what they declare, start and hand on."""
 
+import json
 import runpy
 import sys
 from types import ModuleType, SimpleNamespace
 
 import pytest
+import yaml
+
+# Launch file and the node it starts.
+FILES = {
+    'online_mapper': 'online_mapper',
+    'refine_server': 'refine_server',
+    'nav2': 'online_mapper',
+    'refine_after_slam': 'refine_server',
+}
 
 
 def stub(monkeypatch, name, **members):
@@ -18,10 +28,8 @@ def called(kind):
     return lambda *args, **kwargs: SimpleNamespace(kind=kind, args=args, **kwargs)
 
 
-@pytest.mark.parametrize('node', ['online_mapper', 'refine_server'])
-@pytest.mark.parametrize('linked', [False, True], ids=['plain', 'symlink install'])
-def test_parameters_come_from_the_share_folder(monkeypatch, repository, tmp_path, node, linked):
-    """launch itself is not on PyPI, so its classes are stood in for."""
+def described(monkeypatch, path):
+    """Return the declared arguments by name, and the nodes; launch itself is not on PyPI."""
     kinds = {
         'launch': ['LaunchDescription'],
         'launch.actions': ['DeclareLaunchArgument'],
@@ -32,14 +40,79 @@ def test_parameters_come_from_the_share_folder(monkeypatch, repository, tmp_path
     }
     for name, members in kinds.items():
         stub(monkeypatch, name, **{member: called(member) for member in members})
-    path = repository / 'config' / 'launch' / f'{node}.launch.py'
+    description = runpy.run_path(str(path))['generate_launch_description']()
+    (entities,) = description.args
+    declared = {e.args[0]: e for e in entities if e.kind == 'DeclareLaunchArgument'}
+    return declared, [e for e in entities if e.kind == 'Node']
+
+
+def asked(value):
+    """Return the names of the arguments that a value is made from."""
+    if isinstance(value, dict):
+        return set().union(*map(asked, value.values()))
+    if isinstance(value, list | tuple):
+        return set().union(*map(asked, value))
+    return set(value.args) if getattr(value, 'kind', '') == 'LaunchConfiguration' else set()
+
+
+@pytest.mark.parametrize('name', FILES)
+@pytest.mark.parametrize('linked', [False, True], ids=['plain', 'symlink install'])
+def test_parameters_come_from_the_share_folder(monkeypatch, repository, tmp_path, name, linked):
+    path = repository / 'config' / 'launch' / f'{name}.launch.py'
     if linked:
         (tmp_path / path.name).symlink_to(path)
         path = tmp_path / path.name
-    description = runpy.run_path(str(path))['generate_launch_description']()
-    (entities,) = description.args
-    (declared,) = (e for e in entities if getattr(e, 'args', ()) == ('params_file',))
-    share, *rest = declared.default_value.args[0]
+    declared, _ = described(monkeypatch, path)
+    share, *rest = declared['params_file'].default_value.args[0]
     assert (share.kind, share.args) == ('FindPackageShare', ('ogm_mcmc',))
-    assert rest == ['config', f'{node}.yaml']
-    assert (repository / 'config' / f'{node}.yaml').is_file()
+    assert rest == ['config', f'{FILES[name]}.yaml']
+    assert (repository / 'config' / f'{FILES[name]}.yaml').is_file()
+
+
+@pytest.mark.parametrize('name', FILES)
+def test_every_argument_reaches_the_node(monkeypatch, repository, name):
+    path = repository / 'config' / 'launch' / f'{name}.launch.py'
+    declared, (node, *_) = described(monkeypatch, path)
+    assert (node.executable, node.name) == (FILES[name], FILES[name])
+    assert {'namespace', 'log_level', 'use_sim_time', 'params_file', 'respawn'} <= set(declared)
+    values = [vars(node)[key] for key in ('namespace', 'respawn', 'arguments', 'parameters')]
+    assert asked([*values, node.remappings]) == set(declared)
+    for topic, argument in node.remappings:
+        (name_of_it,) = asked(argument)
+        assert declared[name_of_it].default_value == topic
+    _, given = node.parameters
+    held = yaml.safe_load((repository / 'config' / f'{FILES[name]}.yaml').read_text())
+    known = held['/**']['ros__parameters']
+    assert set(given) - {'use_sim_time'} <= set(known)
+
+
+def test_under_nav2_a_lifecycle_manager_starts_the_mapper(monkeypatch, repository):
+    path = repository / 'config' / 'launch' / 'nav2.launch.py'
+    _, (node, manager) = described(monkeypatch, path)
+    assert node.parameters[1]['autostart'] is False
+    assert node.parameters[1]['pose_source'] == 'tf'
+    assert manager.package == 'nav2_lifecycle_manager'
+    (given,) = manager.parameters
+    assert given['node_names'] == [node.name]
+    assert given['bond_timeout'] == 0.0
+
+
+TOPICS = {
+    '/map',
+    '/map_refined',
+    '/map_probability',
+    '/map_refined_probability',
+    '/online_mapper/entropy',
+    '/refine_server/entropy',
+}
+
+
+def test_views_show_every_map(repository):
+    rviz = yaml.safe_load((repository / 'config' / 'view' / 'maps.rviz').read_text())
+    displays = rviz['Visualization Manager']['Displays']
+    maps = [one for one in displays if one['Class'] == 'rviz_default_plugins/Map']
+    assert {one['Topic']['Value'] for one in maps} == TOPICS
+    for one in maps:
+        assert one['Update Topic']['Value'] == f'{one["Topic"]["Value"]}_updates'
+    layout = json.loads((repository / 'config' / 'view' / 'maps.foxglove.json').read_text())
+    assert set(layout['configById']['3D!maps']['topics']) >= TOPICS

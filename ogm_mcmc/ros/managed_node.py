@@ -35,6 +35,7 @@ __all__ = ['ManagedNode']
 
 LOOK_EVERY_S = 0.1
 SAY_EVERY_S = 5.0
+NAMES_EVERY_S = 3.0
 
 SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
 
@@ -68,8 +69,10 @@ class ManagedNode(LifecycleNode):
         # rclpy raises, and the node ends, when somebody asks for a transition that does not fit.
         self._change_state = self._service_change_state.callback
         self._service_change_state.callback = self._on_change_state
+        self.create_timer(NAMES_EVERY_S, self._look_for_namesakes, clock=self.steady)
         self._lasting = self._entities()
         self._idle: set[Any] = set()
+        self._namesakes = 0
         self.add_on_set_parameters_callback(self.check_parameters)
         self.add_post_set_parameters_callback(self._on_parameters_set)
 
@@ -175,6 +178,18 @@ class ManagedNode(LifecycleNode):
             self._warming, self.compiling = None, ''
             self.tear_down()
             self._destroy_since(self._lasting)
+
+    def _look_for_namesakes(self) -> None:
+        """Warn when another node of this name comes: services of either answer for both."""
+        own = (self.get_name(), self.get_namespace())
+        others = self.get_node_names_and_namespaces().count(own) - 1
+        if others > self._namesakes:
+            self.get_logger().warning(
+                f'{others} more node{"s"[: others > 1]} named {self.get_fully_qualified_name()}: '
+                'their services and parameters cannot be told apart; expected another name '
+                '(-r __node:=NAME) or namespace (-r __ns:=/NAME)'
+            )
+        self._namesakes = others
 
     # -- kernels ----------------------------------------------------------------------------
 

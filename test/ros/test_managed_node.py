@@ -2,6 +2,7 @@
 
 import signal
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -24,8 +25,10 @@ from rcl_interfaces.srv import (
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import LaserScan
 from std_srvs.srv import Trigger
+from support.local_ros import local_node
 from support.ros import NodeProcess, Observer
 
+from ogm_mcmc.ros.online_mapper import OnlineMapper
 from ogm_mcmc.ros.qos import LATCHED, POSES
 
 pytestmark = [pytest.mark.ros]
@@ -236,6 +239,20 @@ def test_get_map_answers_with_the_map_as_it_is_now(user):
         assert set(np.unique(got.data)) == {-1, 0, 100}
         assert got.info.width * got.info.height == len(got.data)
         assert node.stop() == 0, node.output
+
+
+def test_two_nodes_of_one_name_warn():
+    """Here: two in this process, of a name of their own."""
+    name = ['--ros-args', '-r', '__node:=twin']
+    with (
+        local_node(OnlineMapper, cli_args=name) as first,
+        local_node(OnlineMapper, cli_args=name) as second,
+    ):
+        said = []
+        first.get_logger = lambda: SimpleNamespace(warning=said.append, info=print, error=print)
+        first.until(lambda: bool(said), 20.0)
+        assert '1 more node named /twin' in said[0]
+        assert second.working
 
 
 @pytest.mark.parametrize('how', [signal.SIGINT, signal.SIGTERM])
