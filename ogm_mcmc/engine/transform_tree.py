@@ -37,6 +37,9 @@ NS_PER_S = 1_000_000_000
 # Time that goes back further than this started again.
 RESTART_NS = NS_PER_S
 
+# No robot has more; a sender that makes up frames must not fill the memory.
+MAX_LIVE_FRAMES = 5000
+
 # Up to here what never moves is known.
 LATEST_NS = 2**63 - 1
 
@@ -81,14 +84,19 @@ class TransformTree:
         """Take an entry; return False for one too old to be kept.
 
         `arrival_ns` says when a static one came, for senders that stamp every one the same.
-        Raises PoseError for a frame without a name or that is its own parent.
+        Raises PoseError for a frame without a name or that is its own parent, and in live use
+        for one frame too many.
         """
         if not entry.parent or not entry.child or entry.parent == entry.child:
             raise PoseError(
                 f'transform from {entry.parent!r} to {entry.child!r}: expected two frames'
             )
-        self._names |= {entry.parent, entry.child}
         history = self._frames.get(entry.child)
+        if history is None and self.keep_ns is not None and len(self._frames) >= MAX_LIVE_FRAMES:
+            raise PoseError(
+                f'transform to {entry.child!r}: expected at most {MAX_LIVE_FRAMES} frames'
+            )
+        self._names |= {entry.parent, entry.child}
         if history is None or history.static != static:
             # The newest kind counts, as in tf2.
             history = self._frames[entry.child] = FrameHistory(static)

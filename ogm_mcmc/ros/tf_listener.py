@@ -8,7 +8,7 @@ from typing import Any
 from rclpy.node import Node
 
 from ogm_mcmc.engine.transform_tree import TransformTree
-from ogm_mcmc.errors import ConfigError
+from ogm_mcmc.errors import ConfigError, PoseError
 from ogm_mcmc.geometry.rigid_transform import StampedTransform
 from ogm_mcmc.io.tf_messages import read_transforms
 from ogm_mcmc.ros import qos
@@ -70,15 +70,22 @@ class TfListener:
     def on_tf(self, msg: Any) -> None:
         """Take transforms that hold at their stamps."""
         for entry in self._read(msg):
-            self._keep_up(self.tree.add(entry), entry.stamp_ns)
-            self.on_moving(entry)
+            try:
+                self._keep_up(self.tree.add(entry), entry.stamp_ns)
+            except PoseError as error:
+                self.on_fault(str(error))
+            else:
+                self.on_moving(entry)
         self.on_message()
 
     def on_tf_static(self, msg: Any) -> None:
         """Take transforms that hold always, or from now on where one is corrected."""
         now_ns = self.node.get_clock().now().nanoseconds
         for entry in self._read(msg):
-            self.tree.add(entry, static=True, arrival_ns=now_ns)
+            try:
+                self.tree.add(entry, static=True, arrival_ns=now_ns)
+            except PoseError as error:
+                self.on_fault(str(error))
         self.on_message()
 
     def _read(self, msg: Any) -> list[StampedTransform]:

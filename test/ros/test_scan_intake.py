@@ -24,6 +24,7 @@ from support.local_ros import (
 from ogm_mcmc.config import MountConfig, PlacingConfig
 from ogm_mcmc.config.nodes import IntakeConfig
 from ogm_mcmc.config.pose_sources import POSE_SOURCES
+from ogm_mcmc.engine import transform_tree
 from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.ros import qos
 from ogm_mcmc.ros.scan_intake import ScanIntake
@@ -400,6 +401,16 @@ def test_transforms_that_are_none_are_counted(tf_bench):
     taken = tf_bench()
     taken.tf(('map', 'map', 1.0), ('map', 'odom', 1.0, math.nan), ('odom', 'base_link', 1.0))
     assert taken.problems == {'tf_invalid': 2}
+
+
+def test_frames_that_somebody_makes_up_do_not_fill_the_memory(tf_bench, monkeypatch):
+    monkeypatch.setattr(transform_tree, 'MAX_LIVE_FRAMES', 3)
+    taken = tf_bench()
+    taken.tf_static(('base_link', 'laser', 0))
+    for k in range(10):
+        taken.tf(('map', f'thing_{k}', 1.0), ('map', 'base_link', 1.0 + k))
+    assert taken.intake.transforms.tree.frames() == ['base_link', 'laser', 'map', 'thing_0']
+    assert taken.problems == {'tf_invalid': 9}
 
 
 def test_tf_that_starts_again_is_followed(tf_bench):
