@@ -36,7 +36,7 @@ class Feed:
 
     def __init__(self, observer, topics):
         self.observer = observer
-        self.maps = observer.collect(OccupancyGrid, 'map', LATCHED)
+        self.maps = observer.collect(OccupancyGrid, 'map_probability', LATCHED)
         self.reports = observer.collect(DiagnosticArray, '/diagnostics', 10)
         self.publishers = {t: observer.node.create_publisher(TYPES[t], t, 50) for t in topics}
         waiting = self.publishers.values()
