@@ -98,6 +98,8 @@ def change(message, rng):
         holder, name = every[rng.integers(len(every))]
         value = NUMBERS[rng.integers(len(NUMBERS))]
         with np.errstate(over='ignore'):
+            if not hasattr(message, 'pose'):  # scans hold numbers of 32 bits
+                value = float(np.float32(value))
             if isinstance(holder, np.ndarray):
                 holder[name] = value
             else:
