@@ -27,6 +27,7 @@ from ogm_mcmc.config.nodes import (
     refine_settings_agree,
 )
 from ogm_mcmc.engine.corrections import Corrected, Corrector, Nodes
+from ogm_mcmc.engine.joint_poses import warm_up_poses
 from ogm_mcmc.engine.recording import Recording
 from ogm_mcmc.engine.refinement import hide_uncertain, warm_up
 from ogm_mcmc.engine.saved_map import saved_text
@@ -113,6 +114,8 @@ class RefineServer(ManagedNode):
     def warm_up(self) -> None:
         """Compile what sampling needs."""
         warm_up(self.sampler)
+        if self.poses.joint:
+            warm_up_poses()
 
     def begin(self) -> None:
         """Subscribe and record, and publish from now on."""
