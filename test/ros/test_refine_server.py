@@ -248,7 +248,8 @@ def test_refine_again_stop_and_clear(walks):
         # Refined again while refining: all scans now, the map goes on from where it was.
         answer = client.refine()
         assert answer.message.startswith(f'sampling {2 * SCANS} scans, ')
-        assert answer.message.endswith(' rays, instead of those before')
+        assert 'goes on from the chains of ' in answer.message
+        assert answer.message.endswith(' earlier sweeps, instead of those before')
         client.wait_for(scans_sampled=2 * SCANS, state='sampling')
         after = as_array(client.wait_for_map())
         if after.shape == before.shape:
