@@ -298,6 +298,7 @@ def _sampled(
         'undecided_cells': None if quality is None else quality.summary()['undecided_cells'],
         **figures,
         'agreeing_share': progress.agreeing_share if stop.r_hat > 0.0 else None,
+        'sensor': None if refinement.sensor is None else refinement.sensor.as_dict(),
         'resumed_at': resumed,
         'sampling_seconds': round(progress.seconds, 3),
     }

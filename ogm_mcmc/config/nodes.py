@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ogm_mcmc.config import (
+    ChainConfig,
     MapperConfig,
     OutputConfig,
     PatchConfig,
@@ -210,12 +211,14 @@ class RefineServerConfig:
 
 
 LEARNED = PatchConfig(prior='border', size=9)
+FITTED = ChainConfig(sensor='fitted')
 
 
 @dataclass(frozen=True)
 class RefineSamplerConfig(SamplerConfig):
     """Defaults of `refine_server` and `sample`: the learned prior, walls also between beams."""
 
+    chain: ChainConfig = FITTED
     patch: PatchConfig = LEARNED
 
 

@@ -125,6 +125,12 @@ class ChainConfig:
         'order of the cells in a sweep; checkerboard: the even cells first, then the odd cells',
         choices=('fixed', 'random', 'checkerboard'),
     )
+    sensor: str = setting(
+        'given',
+        'clutter and missing of the beam model: given: as set; fitted: estimated from the scans '
+        'that are sampled',
+        choices=('given', 'fitted'),
+    )
     burn_in: int = setting(
         50, 'number of sweeps of each chain that are not counted', low=0, high=10**9
     )

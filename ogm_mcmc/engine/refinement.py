@@ -28,6 +28,7 @@ from ogm_mcmc.config import (
 from ogm_mcmc.engine.live_map import cells_on, check_lattice, live_map
 from ogm_mcmc.engine.posterior import patch_prior, posterior_model
 from ogm_mcmc.engine.recording import Recording, fingerprint
+from ogm_mcmc.engine.sensor_fit import SensorNumbers, fit_sensor
 from ogm_mcmc.engine.warp import cells_before, warped
 from ogm_mcmc.errors import ConfigError, WindowError
 from ogm_mcmc.files.output_files import replacing
@@ -93,6 +94,8 @@ class Refinement:
     def __init__(self, config: SamplerConfig) -> None:
         self.config = config
         self._taken: list[PlacedScan] = []
+        self.model = config.model  # of the beams, fitted where that is wanted
+        self.sensor: SensorNumbers | None = None
         self.window = self._empty_window()
         self._table, self.prior = patch_prior(config)
         self.sampler: PosteriorSampler | None = None
@@ -120,6 +123,8 @@ class Refinement:
             old is new for old, new in zip(self._taken, scans[:known], strict=True)
         )
         warm = self._present_maps()
+        if not extends:
+            self.model, self.sensor = fit_sensor(scans, self.config)
         window = self.window if extends else self._empty_window()
         fresh = scans[known:] if extends else scans
         window.add(fresh)
@@ -135,7 +140,7 @@ class Refinement:
 
     def _empty_window(self) -> RayWindow:
         config = self.config
-        return RayWindow(config.window, config.model, margin=config.patch.window_margin)
+        return RayWindow(config.window, self.model, margin=config.patch.window_margin)
 
     def _begin(self, start: GridMap | None, warm: list[GridMap]) -> None:
         chain, spec = self.config.chain, self.window.spec

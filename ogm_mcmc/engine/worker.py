@@ -20,6 +20,7 @@ from typing import NamedTuple
 from ogm_mcmc.config import PosesConfig, SamplerConfig, StopConfig
 from ogm_mcmc.engine.joint_poses import PoseRefinement, RefinedTrajectory
 from ogm_mcmc.engine.refinement import Progress, Refinement
+from ogm_mcmc.engine.sensor_fit import SensorNumbers
 from ogm_mcmc.errors import OgmError, WindowError
 from ogm_mcmc.geometry import GridMap, PlacedScan
 from ogm_mcmc.trajectory import TrajectoryProgress
@@ -60,6 +61,7 @@ class WorkerStatus(NamedTuple):
     rays: int = 0
     n_bytes: int = 0
     progress: Progress | None = None
+    sensor: SensorNumbers | None = None
     poses: TrajectoryProgress | None = None
     stopped: str = ''
     error: str = ''
@@ -249,6 +251,7 @@ class RefineWorker:
         self.status = self.status._replace(
             state='sampling',
             rays=refinement.window.index.n_rays,
+            sensor=refinement.sensor,
             n_bytes=refinement.window.index.n_bytes + refinement.sampler.n_bytes,
         )
         next_map_at = time.monotonic()

@@ -189,7 +189,10 @@ def distribute(refinement: Refinement, scans: Sequence[PlacedScan], executor: Ex
     here = refinement.sampler
     if here is None:
         raise WindowError('no scan was taken: nothing to sample')
-    problem = _problem(refinement.config, scans, here.model)
+    config = refinement.config
+    # The sensor's numbers are those found here: a worker does not look for others.
+    config = replace(config, model=refinement.model, chain=replace(config.chain, sensor='given'))
+    problem = _problem(config, scans, here.model)
     refinement.sampler = _DistantSampler(here, problem, executor)
 
 

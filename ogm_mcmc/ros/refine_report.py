@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from ogm_mcmc.config import StopConfig
 from ogm_mcmc.engine.refinement import Progress
+from ogm_mcmc.engine.sensor_fit import SensorNumbers
 from ogm_mcmc.engine.worker import WorkerStatus
 
-__all__ = ['disagreement', 'order_text', 'progress_text', 'progress_values']
+__all__ = ['disagreement', 'order_text', 'progress_text', 'progress_values', 'sensor_values']
 
 
 def order_text(
@@ -64,4 +65,15 @@ def progress_values(progress: Progress | None) -> dict[str, object]:
         'effective samples (median)': f'{progress.ess_median:.0f}',
         'standard error (largest)': f'{progress.mcse_max:.4f}',
         'log-likelihood': f'{progress.log_likelihood:.1f}',
+    }
+
+
+def sensor_values(sensor: SensorNumbers | None) -> dict[str, object]:
+    """Return what was found out about the sensor, for /diagnostics; nothing where it is given."""
+    shares = {} if sensor is None else sensor._asdict()
+    return {
+        f'{name} beams (share, two standard deviations)': f'{share.mean:.4f} +- '
+        f'{2.0 * share.deviation:.4f}'
+        for name, share in shares.items()
+        if share is not None
     }

@@ -46,6 +46,7 @@ from ogm_mcmc.ros.refine_report import (
     order_text,
     progress_text,
     progress_values,
+    sensor_values,
 )
 from ogm_mcmc.ros.refined_maps import RefinedMaps
 from ogm_mcmc.ros.running import run_node
@@ -209,6 +210,7 @@ class RefineServer(ManagedNode):
             'rays': status.rays,
             'memory (MB)': f'{status.n_bytes / 1e6:.1f}',
             **progress_values(status.progress),
+            **sensor_values(status.sensor),
             'poses': self.poses.poses,
             **correction_values(None if result is None else result.trajectory),
             'stopped because': status.stopped,
