@@ -6,8 +6,9 @@ pytest.importorskip('rclpy', reason='rclpy is not installed: no ROS tests')
 
 from ogm_mcmc.config import StopConfig
 from ogm_mcmc.engine.refinement import Progress
+from ogm_mcmc.engine.sensor_fit import SensorNumbers, Share
 from ogm_mcmc.engine.worker import WorkerStatus
-from ogm_mcmc.ros.refine_report import disagreement, order_text, progress_text
+from ogm_mcmc.ros.refine_report import disagreement, order_text, progress_text, sensor_values
 
 STOP = StopConfig(max_time=40.0, max_sweeps=500, r_hat=1.1, agreeing_share=0.99)
 
@@ -58,3 +59,15 @@ def test_nothing_is_said_where_all_is_well_or_under_way(status):
 def test_without_the_rule_nothing_is_missed():
     status = WorkerStatus('idle', progress=progress(0.5), stopped='time')
     assert disagreement(status, StopConfig(r_hat=0.0)) == ''
+
+
+def test_what_was_found_out_about_the_sensor():
+    clutter, missing = Share(0.02, 0.003, 1000), Share(0.1, 0.01, 500)
+    assert sensor_values(SensorNumbers(clutter, missing)) == {
+        'clutter beams (share, two standard deviations)': '0.0200 +- 0.0060',
+        'missing beams (share, two standard deviations)': '0.1000 +- 0.0200',
+    }
+    assert list(sensor_values(SensorNumbers(clutter, None))) == [
+        'clutter beams (share, two standard deviations)'
+    ]
+    assert sensor_values(None) == {}
