@@ -161,10 +161,10 @@ class Recording:
         self.let_go[reason] += 1
         self.n_rays -= gone.beams
         self.coverage.remove(gone.placement)
-        rays, pairs, box = self.size
+        box = self.size.box
         if _on_border(gone.size.box, box):
             box = _box_around(self._scans)
-        self.size = WindowSize(rays - gone.size.rays, pairs - gone.size.pairs, box)
+        self.size = self.size.without(gone.size, box)
 
     def _thin(self) -> None:
         """Make room for a tenth of the window."""
@@ -189,7 +189,8 @@ class Recording:
         self._scans = deque(scans)
         self.n_rays = sum(kept.beams for kept in scans)
         rays, pairs = sum(k.size.rays for k in scans), sum(k.size.pairs for k in scans)
-        self.size = WindowSize(rays, pairs, _box_around(scans))
+        near = sum(k.size.near for k in scans)
+        self.size = WindowSize(rays, pairs, _box_around(scans), near)
         self.coverage.count_anew(kept.placement for kept in scans)
 
     def replace(self, placed: Sequence[PlacedScan]) -> None:

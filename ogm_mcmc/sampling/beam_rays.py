@@ -11,10 +11,12 @@ from ogm_mcmc.config import WindowConfig
 from ogm_mcmc.errors import GridError
 from ogm_mcmc.geometry import CellBox, GridSpec, PlacedScan
 from ogm_mcmc.geometry.rays import on_lattice, usable_range
+from ogm_mcmc.sampling.ray_filing_kernels import near_from
+from ogm_mcmc.sensors.forward_model import ForwardModel
 
-__all__ = ['BeamRays', 'limited', 'most_cells', 'rays_of_scan']
+__all__ = ['BeamRays', 'limited', 'most_cells', 'most_near_cells', 'rays_of_scan']
 
-# A position on a ray is a uint16, and the last one stands for "nothing".
+# A place on a ray has 16 bits.
 MAX_POSITIONS = 65_000
 
 # Rays end so far inside of the limits of a window, cells: more than rounding takes them outside.
@@ -103,3 +105,17 @@ def most_cells(rays: BeamRays) -> AnyArray:
     up = np.abs(np.floor(rays.y + rays.length * rays.uy) - np.floor(rays.y))
     cells: AnyArray = (across + up).astype(np.int64) + 1
     return cells
+
+
+def most_near_cells(rays: BeamRays, model: ForwardModel, resolution: float) -> AnyArray:
+    """Return how many cells there are at most from where each ray's likelihood is not level."""
+    if not rays.length.size:
+        return np.zeros(0, np.int64)
+    reach = float(rays.reach.max())
+    level_ends = max(reach - near_from(model, reading, reach)[1] for reading in (reach, np.inf))
+    near_to = np.minimum(rays.reading, rays.reach)
+    length = (level_ends + np.maximum(rays.length * resolution - near_to, 0.0)) / resolution
+    with np.errstate(invalid='ignore'):
+        cells = (length + 1.5) * (np.abs(rays.ux) + np.abs(rays.uy)) + 3.0
+    most: AnyArray = np.minimum(cells, 2.0**40).astype(np.int64)
+    return most

@@ -147,7 +147,7 @@ def highest_probability(index: RayIndex, prior_log_odds: float) -> Float32Array:
 
     p <= sigmoid(prior + the most its rays can add), rounded upwards.
     """
-    log_odds = prior_log_odds + index.gain.astype(np.float64) * (1.0 + 1e-6) + 1e-5
+    log_odds = prior_log_odds + index.gains().astype(np.float64) * (1.0 + 1e-6) + 1e-5
     with np.errstate(over='ignore'):
         ceiling = 1.0 / (1.0 + np.exp(-log_odds))
     return (ceiling * (1.0 + 1e-6)).astype(np.float32)

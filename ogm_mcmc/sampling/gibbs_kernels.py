@@ -1,13 +1,14 @@
 """Kernels of Gibbs sampling over single cells ([gibbs] Algorithm 1); note in the package.
 
 cells    (K,) uint8: the current map, 0 free, 1 occupied
-records  (N, 2) int32, one row a ray: position of the first occupied cell, NOTHING if there is
-         none, and log p(z | that) as the bits of a float32, so that one look fetches both
+records  (N, 2) int32, one row a ray: the place (see `ray_line_kernels`) of the first occupied
+         cell, NOTHING if there is none, and log p(z | that) as the bits of a float32, so that one
+         look fetches both
 
 Names ending in `_bits` are the same memory as float32. The inner functions take plain arrays,
-those of `RayIndex`, and call no further function for an element of one: a tuple of arrays, a view
-made per cell or a call per ray makes Numba count references, which takes longer than looking at
-the rays themselves (measured: four times the whole sweep).
+those of `RayIndex.arrays()`, and call no further function for an element of one: a tuple of
+arrays, a view made per cell or a call per ray makes Numba count references, which takes longer
+than looking at the rays themselves (measured: four times the whole sweep).
 """
 
 import math
@@ -15,69 +16,131 @@ import math
 import numpy as np
 from numba import njit
 
-from ogm_mcmc.sampling.ray_index_kernels import following_cell
+from ogm_mcmc.sampling.borrowed_arrays import borrowed
+from ogm_mcmc.sampling.ray_index_kernels import (
+    FRONT,
+    NEAR,
+    NOTHING,
+    WIDTH,
+    hit_behind,
+    likelihood_there,
+    list_of,
+    reaches_in_front,
+    tile_of,
+)
+from ogm_mcmc.sampling.ray_line_kernels import (
+    BORDER,
+    LEVEL,
+    LOW_32,
+    SHAPE,
+    SLOPE,
+    START,
+    UNSEEN,
+    first_place,
+    next_occupied,
+    place_of,
+)
 
-NOTHING = np.int32(2**31 - 1)
+# Where the next ray of a cell comes from.
+FROM_NEAR, FROM_FRONT, FROM_TILE = range(3)
 
 # Rounding of sums of up to a million terms stays far below this.
 SLACK = 1e-5
 
 
-@njit(cache=True, nogil=True, inline='always')
-def next_hit(ray, position, cell, cells, ray_start, steps, across, up):
-    """Position of the first occupied cell of a ray behind `position`, which lies in `cell`."""
-    begin, last = ray_start[ray], ray_start[ray + 1] - 1
-    at = begin + position
-    step_x, step_y = across[ray], up[ray]
-    while at < last:
-        cell = following_cell(cell, steps[at], step_x, step_y)
-        at += 1
-        if cells[cell]:
-            return np.int32(at - begin)
-    return NOTHING
-
-
 @njit(cache=True, nogil=True)
 def find_first_hits(cells, index, records):
     """Fill the records from the map."""
-    bits = records.view(np.float32)
-    first_cell, ray_start, steps = index.first_cell, index.ray_start, index.steps
-    across, up = index.across, index.up
-    likelihood, nothing = index.ray_likelihood, index.nothing
+    bits, near_bits = records.view(np.float32), index.near.view(np.float32)
+    marks, lists, near, rays = index.marks, index.lists, index.near, index.rays
+    ray_bits, width = rays.view(np.float32), index.grid[WIDTH]
     for ray in range(records.shape[0]):
-        cell = np.int64(first_cell[ray])
-        position = np.int32(0)
+        start, shape = rays[ray, START], rays[ray, SHAPE]
+        column, row = start & LOW_32, start >> 32
+        cell, place = row * width + column, first_place(start, shape)
         if not cells[cell]:
-            position = next_hit(ray, 0, cell, cells, ray_start, steps, across, up)
-        records[ray, 0] = position
-        bits[ray, 1] = (
-            nothing[ray] if position == NOTHING else likelihood[ray_start[ray] + position]
-        )
+            cell, place = next_occupied(
+                rays[ray, BORDER], rays[ray, SLOPE], start, shape, column, row, width, cells
+            )
+        value = ray_bits[ray, UNSEEN]
+        if cell >= 0:
+            code = (ray << 2) | ((shape >> 48) & 3)
+            value = likelihood_there(
+                code, cell, place, marks, lists, near, near_bits, rays, ray_bits
+            )
+        records[ray, 0] = place if cell >= 0 else NOTHING
+        bits[ray, 1] = value
 
 
 @njit(cache=True, nogil=True, inline='always')
 def log_odds_unless_below(
-    enough, prior, begin, end, cell, cells, records, bits, pairs, pair_bits, positions,
-    ray_start, steps, across, up, likelihood, nothing,
+    threshold, prior, cell, cells, records, bits, marks, lists, full, gain, near, near_bits,
+    front, tiles, runs, run_lengths, rays, ray_bits, grid,
 ):  # fmt: skip
     """Log-odds that a cell is occupied, given all other cells and all readings ([gibbs] Eq. 3).
 
     l = prior + sum over the rays not stopped before the cell of
         log p(z | they end here) - log p(z | they end at what is behind), nats.
-    Stops adding when the sum is below `enough`, and returns what it has then.
+    Rays that it is near to come first; those that only pass far in front can but lower the sum.
+    Stops adding when the sum is sure to end below `threshold`, and returns what it has then.
     """
+    row = cell // grid[WIDTH]
+    column = cell - row * grid[WIDTH]
     log_odds = prior
-    for i in range(begin, end):
-        ray, position = pairs[i, 0], np.int32(positions[i])
-        first = records[ray, 0]
-        if first > position:
-            log_odds += np.float64(pair_bits[i, 1]) - np.float64(bits[ray, 1])
-        elif first == position:
-            behind = next_hit(ray, position, np.int64(cell), cells, ray_start, steps, across, up)
-            now = nothing[ray] if behind == NOTHING else likelihood[ray_start[ray] + behind]
-            log_odds += np.float64(pair_bits[i, 1]) - np.float64(now)
+    enough = threshold - SLACK
+    source, at, last = FROM_NEAR, np.int64(0), np.int64(0)
+    ray, last_ray = np.int64(0), np.int64(0)
+    number = list_of(cell, marks)
+    if number >= 0:
+        at, last = np.int64(lists[number, NEAR]), np.int64(lists[number + 1, NEAR])
+        enough -= gain[number]
+    while True:
+        if source == FROM_TILE:
+            if ray == last_ray:
+                if at == last:
+                    break
+                ray, last_ray = np.int64(runs[at]), np.int64(runs[at]) + run_lengths[at]
+                at += 1
+            code = (ray << 2) | ((rays[ray, SHAPE] >> 48) & 3)
+            passes = reaches_in_front(ray, column, row, rays)
+            ray += 1
+            if not passes:
+                continue
+            value = ray_bits[code >> 2, LEVEL]
+        elif at == last:
+            if source == FROM_FRONT:
+                break
+            enough = threshold - SLACK
+            if log_odds < enough:
+                break
+            source = FROM_TILE
+            if number >= 0 and full[number]:
+                source = FROM_FRONT
+            if source == FROM_FRONT:
+                at, last = np.int64(lists[number, FRONT]), np.int64(lists[number + 1, FRONT])
+            else:
+                tile = tile_of(column, row, grid)
+                at, last = np.int64(tiles[tile]), np.int64(tiles[tile + 1])
+            continue
+        elif source == FROM_NEAR:
+            code, value = np.int64(near[at, 0]), near_bits[at, 1]
+            at += 1
+        else:
+            code = np.int64(front[at])
+            value = ray_bits[code >> 2, LEVEL]
+            at += 1
+        place = place_of(code, column, row)
+        first = records[code >> 2, 0]
+        if first < place:
+            continue
+        now = bits[code >> 2, 1]
+        if first == place:
+            _, now = hit_behind(
+                code, column, row, cells, marks, lists, near, near_bits, rays, ray_bits, grid
+            )
+        log_odds += np.float64(value) - np.float64(now)
         if log_odds < enough:
-            return log_odds
+            break
     return log_odds
 
 
@@ -85,37 +148,71 @@ def log_odds_unless_below(
 def conditional_log_odds(cell, cells, records, index, prior):
     """Log-odds of one cell given all others, to the last ray; see `log_odds_unless_below`."""
     return log_odds_unless_below(
-        -math.inf, prior, index.cell_start[cell], index.cell_start[cell + 1], cell, cells,
-        records, records.view(np.float32), index.pairs, index.pairs.view(np.float32),
-        index.positions, index.ray_start, index.steps, index.across, index.up,
-        index.ray_likelihood, index.nothing,
+        -math.inf, prior, cell, cells, records, records.view(np.float32), index.marks,
+        index.lists, index.full, index.gain, index.near, index.near.view(np.float32), index.front,
+        index.tiles, index.runs, index.run_lengths, index.rays, index.rays.view(np.float32),
+        index.grid,
     )  # fmt: skip
 
 
 @njit(cache=True, nogil=True, inline='always')
-def shorten_rays(begin, end, records, bits, pairs, pair_bits, positions):
-    """Let the rays that pass a newly occupied cell end in it."""
-    for i in range(begin, end):
-        ray, position = pairs[i, 0], np.int32(positions[i])
-        if records[ray, 0] > position:
-            records[ray, 0] = position
-            bits[ray, 1] = pair_bits[i, 1]
-
-
-@njit(cache=True, nogil=True, inline='always')
-def lengthen_rays(
-    begin, end, cell, cells, records, bits, pairs, positions, ray_start, steps, across, up,
-    likelihood, nothing,
+def redirect_rays(
+    cell, cells, records, bits, marks, lists, full, near, near_bits, front, tiles, runs,
+    run_lengths, rays, ray_bits, grid,
 ):  # fmt: skip
-    """Let the rays that ended in a newly free cell go on to what is behind."""
-    for i in range(begin, end):
-        ray, position = pairs[i, 0], np.int32(positions[i])
-        if records[ray, 0] == position:
-            behind = next_hit(ray, position, np.int64(cell), cells, ray_start, steps, across, up)
-            records[ray, 0] = behind
-            bits[ray, 1] = (
-                nothing[ray] if behind == NOTHING else likelihood[ray_start[ray] + behind]
+    """Let rays end in a cell that is occupied now, or go on behind one that is free now."""
+    row = cell // grid[WIDTH]
+    column = cell - row * grid[WIDTH]
+    occupied = cells[cell] != 0
+    source, at, last = FROM_NEAR, np.int64(0), np.int64(0)
+    ray, last_ray = np.int64(0), np.int64(0)
+    number = list_of(cell, marks)
+    if number >= 0:
+        at, last = np.int64(lists[number, NEAR]), np.int64(lists[number + 1, NEAR])
+    while True:
+        if source == FROM_TILE:
+            if ray == last_ray:
+                if at == last:
+                    break
+                ray, last_ray = np.int64(runs[at]), np.int64(runs[at]) + run_lengths[at]
+                at += 1
+            code = (ray << 2) | ((rays[ray, SHAPE] >> 48) & 3)
+            passes = reaches_in_front(ray, column, row, rays)
+            ray += 1
+            if not passes:
+                continue
+            value = ray_bits[code >> 2, LEVEL]
+        elif at == last:
+            if source == FROM_FRONT:
+                break
+            source = FROM_TILE
+            if number >= 0 and full[number]:
+                source = FROM_FRONT
+            if source == FROM_FRONT:
+                at, last = np.int64(lists[number, FRONT]), np.int64(lists[number + 1, FRONT])
+            else:
+                tile = tile_of(column, row, grid)
+                at, last = np.int64(tiles[tile]), np.int64(tiles[tile + 1])
+            continue
+        elif source == FROM_NEAR:
+            code, value = np.int64(near[at, 0]), near_bits[at, 1]
+            at += 1
+        else:
+            code = np.int64(front[at])
+            value = ray_bits[code >> 2, LEVEL]
+            at += 1
+        place = place_of(code, column, row)
+        first = records[code >> 2, 0]
+        if occupied:
+            if first > place:
+                records[code >> 2, 0] = place
+                bits[code >> 2, 1] = value
+        elif first == place:
+            behind, now = hit_behind(
+                code, column, row, cells, marks, lists, near, near_bits, rays, ray_bits, grid
             )
+            records[code >> 2, 0] = behind
+            bits[code >> 2, 1] = now
 
 
 @njit(cache=True, nogil=True)
@@ -128,43 +225,44 @@ def sweep_cells(rng, order, cells, records, index, ceiling, prior):
     (`index.gain`) does not matter any more. Neither changes any draw.
     """
     return sweep_arrays(
-        rng, order, cells, records, records.view(np.float32), index.cell_start, index.pairs,
-        index.pairs.view(np.float32), index.positions, index.gain, index.ray_start, index.steps,
-        index.across, index.up, index.ray_likelihood, index.nothing, ceiling, prior,
+        rng, order, cells, records, records.view(np.float32), ceiling, prior, index.marks,
+        index.lists, index.full, index.gain, index.near, index.near.view(np.float32), index.front,
+        index.tiles, index.runs, index.run_lengths, index.rays, index.rays.view(np.float32),
+        index.grid,
     )  # fmt: skip
 
 
 @njit(cache=True, nogil=True)
 def sweep_arrays(
-    rng, order, cells, records, bits, cell_start, pairs, pair_bits, positions, gain, ray_start,
-    steps, across, up, likelihood, nothing, ceiling, prior,
+    rng, order, cells, records, bits, ceiling, prior, marks, lists, full, gain, near, near_bits,
+    front, tiles, runs, run_lengths, rays, ray_bits, grid,
 ):  # fmt: skip
     """Sweep over all cells of `order` once; return the flips. Arguments: see `sweep_cells`."""
+    cells, records, bits = borrowed(cells), borrowed(records), borrowed(bits)
+    marks, lists, full, gain = borrowed(marks), borrowed(lists), borrowed(full), borrowed(gain)
+    near, near_bits, front = borrowed(near), borrowed(near_bits), borrowed(front)
+    tiles, runs, run_lengths = borrowed(tiles), borrowed(runs), borrowed(run_lengths)
+    rays, ray_bits, grid = borrowed(rays), borrowed(ray_bits), borrowed(grid)
     flips = 0
     for j in range(order.size):
-        cell = order[j]
+        cell = np.int64(order[j])
         u = rng.random()
         possible = u < ceiling[cell]
         if not (possible or cells[cell]):
             continue
-        begin, end = cell_start[cell], cell_start[cell + 1]
         occupied = False
         if possible:
             threshold = math.log(u / (1.0 - u)) if u > 0.0 else -math.inf
             log_odds = log_odds_unless_below(
-                threshold - gain[cell] - SLACK, prior, begin, end, cell, cells, records, bits,
-                pairs, pair_bits, positions, ray_start, steps, across, up, likelihood, nothing,
+                threshold, prior, cell, cells, records, bits, marks, lists, full, gain, near,
+                near_bits, front, tiles, runs, run_lengths, rays, ray_bits, grid,
             )  # fmt: skip
             occupied = log_odds > threshold
-        if occupied and not cells[cell]:
-            cells[cell] = 1
-            shorten_rays(begin, end, records, bits, pairs, pair_bits, positions)
-            flips += 1
-        elif cells[cell] and not occupied:
-            cells[cell] = 0
-            lengthen_rays(
-                begin, end, cell, cells, records, bits, pairs, positions, ray_start, steps,
-                across, up, likelihood, nothing,
+        if occupied != (cells[cell] != 0):
+            cells[cell] = occupied
+            redirect_rays(
+                cell, cells, records, bits, marks, lists, full, near, near_bits, front, tiles,
+                runs, run_lengths, rays, ray_bits, grid,
             )  # fmt: skip
             flips += 1
     return flips

@@ -26,6 +26,7 @@ import numpy as np
 from ogm_mcmc.arrays import AnyArray, BoolArray, Float32Array
 from ogm_mcmc.sampling.informed_kernels import count_telling, mark_arrivals
 from ogm_mcmc.sampling.ray_index import RayIndex
+from ogm_mcmc.sampling.ray_index_kernels import WIDTH
 
 __all__ = ['TELLING', 'arrival', 'known_cells', 'near', 'telling_cells']
 
@@ -36,12 +37,14 @@ TELLING = 0.5
 
 
 def telling_cells(index: RayIndex, least: float = TELLING) -> AnyArray:
-    """Return how many cells of each ray (N,) int32, from its first on, it tells anything of.
+    """Return how many places of each ray (N,) int32, from its first on, it tells anything of.
 
     The others lie so far behind its reading that to end there is as good as not to end at all.
     """
     telling = np.empty(index.n_rays, np.int32)
-    count_telling(index.ray_start, index.ray_likelihood, index.nothing, least, telling)
+    count_telling(
+        index.rays, index.lists, index.listed(), index.near, index.grid[WIDTH], least, telling
+    )
     return telling
 
 
@@ -56,8 +59,7 @@ def arrival(
     """
     found = np.zeros(index.n_cells, np.float32)
     mark_arrivals(
-        telling, probability, np.float32(least), index.first_cell, index.ray_start, index.steps,
-        index.across, index.up, found,
+        telling, probability, np.float32(least), index.rays, index.grid[WIDTH], found
     )  # fmt: skip
     return found
 

@@ -3,7 +3,22 @@
 import numpy as np
 from numba import njit
 
-from ogm_mcmc.sampling.ray_index_kernels import following_cell
+from ogm_mcmc.sampling.ray_index_kernels import NEAR
+from ogm_mcmc.sampling.ray_line_kernels import (
+    BORDER,
+    LEVEL,
+    LOW_16,
+    RIGHTWARDS,
+    SHAPE,
+    SLOPE,
+    START,
+    UNSEEN,
+    UPWARDS,
+    first_place,
+    place_of,
+    places_of,
+    row_of_ray,
+)
 
 # Cells that are less likely occupied do not stop a ray. Hundreds of them would as independent
 # ones; but the reading at its end says of all together that they are free.
@@ -11,36 +26,54 @@ DUST = np.float32(0.1)
 
 
 @njit(cache=True, nogil=True)
-def count_telling(ray_start, likelihood, nothing, least, telling):
-    """Fill `telling` (N,): how many cells of each ray, from its first on, tell anything.
+def count_telling(rays, lists, listed, near, width, least, telling):
+    """Fill `telling` (N,): how many places of each ray, from its first on, tell anything.
 
     The last of them is one whose likelihood differs by more than `least` nats from that of a ray
     on which nothing is occupied.
+    listed  (S,) int32: the cells that have lists
     """
+    ray_bits, near_bits = rays.view(np.float32), near.view(np.float32)
     for ray in range(telling.size):
-        at = ray_start[ray + 1]
-        while at > ray_start[ray] and abs(likelihood[at - 1] - nothing[ray]) <= least:
-            at -= 1
-        telling[ray] = at - ray_start[ray]
+        telling[ray] = 0
+        if abs(ray_bits[ray, LEVEL] - ray_bits[ray, UNSEEN]) > least:
+            shape = rays[ray, SHAPE]
+            telling[ray] = min((shape >> 32) & LOW_16, places_of(shape))
+    for number in range(listed.size):
+        row = listed[number] // width
+        column = listed[number] - row * width
+        for i in range(lists[number, NEAR], lists[number + 1, NEAR]):
+            code = near[i, 0]
+            ray = code >> 2
+            if abs(near_bits[i, 1] - ray_bits[ray, UNSEEN]) > least:
+                first = first_place(rays[ray, START], rays[ray, SHAPE])
+                place = place_of(code, column, row) - first + 1
+                telling[ray] = max(telling[ray], place)
 
 
 @njit(cache=True, nogil=True)
-def mark_arrivals(
-    telling, probability, least, first_cell, ray_start, steps, across, up, arrival
-):  # fmt: skip
+def mark_arrivals(telling, probability, least, rays, width, arrival):
     """Raise `arrival` (K,) to the largest chance, over all rays, that one arrives at a cell.
 
     probability  (K,) float32 that a cell is occupied, taken as independent along a ray above DUST
     A ray is followed while it tells anything and its chance is at least `least`.
     """
-    for ray in range(first_cell.size):
-        begin, end = ray_start[ray], ray_start[ray] + telling[ray]
-        cell = np.int64(first_cell[ray])
+    for ray in range(rays.shape[0]):
+        start, shape = rays[ray, START], rays[ray, SHAPE]
+        flags = shape >> 48
+        across = 1 if flags & RIGHTWARDS else -1
+        up = 1 if flags & UPWARDS else -1
+        end = first_place(start, shape) + telling[ray]
         chance = np.float32(1.0)
-        for at in range(begin, end):
-            arrival[cell] = max(arrival[cell], chance)
-            if probability[cell] > DUST:
-                chance *= np.float32(1.0) - probability[cell]
-            if chance < least:
+        for at in range((shape & LOW_16) + 1):
+            row = (start >> 32) + up * at
+            begins, ends, _ = row_of_ray(rays[ray, BORDER], rays[ray, SLOPE], start, shape, row)
+            for column in range(begins, ends + across, across):
+                if place_of(flags, column, row) >= end or chance < least:
+                    break
+                cell = row * width + column
+                arrival[cell] = max(arrival[cell], chance)
+                if probability[cell] > DUST:
+                    chance *= np.float32(1.0) - probability[cell]
+            if place_of(flags, ends, row) >= end or chance < least:
                 break
-            cell = following_cell(cell, steps[at], across[ray], up[ray])

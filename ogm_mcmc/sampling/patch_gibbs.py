@@ -191,7 +191,6 @@ class PatchModel:
                 rng,
                 corners,
                 table.side,
-                self.width,
                 self._inner,
                 self._ring,
                 escape,
@@ -205,17 +204,7 @@ class PatchModel:
                 state.cells,
                 state.records,
                 state.records.view(np.float32),
-                index.cell_start,
-                index.pairs,
-                index.pairs.view(np.float32),
-                index.positions,
-                index.gain,
-                index.ray_start,
-                index.steps,
-                index.across,
-                index.up,
-                index.ray_likelihood,
-                index.nothing,
+                *index.arrays(),
             )
         )
 

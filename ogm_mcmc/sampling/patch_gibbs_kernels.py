@@ -11,19 +11,33 @@ import math
 import numpy as np
 from numba import njit
 
+from ogm_mcmc.sampling.borrowed_arrays import borrowed
 from ogm_mcmc.sampling.gibbs_kernels import (
     SLACK,
-    lengthen_rays,
     log_odds_unless_below,
-    shorten_rays,
+    redirect_rays,
 )
-from ogm_mcmc.sampling.ray_index_kernels import following_cell
+from ogm_mcmc.sampling.ray_index_kernels import (
+    FRONT,
+    MOST_IN_TILE,
+    NEAR,
+    WIDTH,
+    find_front,
+    hit_behind,
+    list_of,
+)
+from ogm_mcmc.sampling.ray_line_kernels import LEVEL, place_of
 
 # Options are numbered by the bits of whole numbers, the sign left out.
 WORD = 62
 
 # Follows all rays of a cell.
 NO_RAY = np.int64(2**62)
+
+# Where the rays of a cell come from, and the rows of `heads`: the next one and the end of these,
+# the code of the next ray, the cell of the patch, the source.
+FROM_NEAR, FROM_FRONT, FROM_FOUND = range(3)
+AT, LAST, CODE, PLACE, SOURCE = range(5)
 
 # What is so many nats less likely than the likeliest is never drawn.
 NEGLIGIBLE = -45.0
@@ -50,13 +64,17 @@ def place_in(candidates, first, last, pattern):
 
 
 @njit(cache=True, nogil=True)
-def scratch(side, most):
-    """Return (weights, occupying, heads, met): what draws among `most` options need, made once."""
+def scratch(side, most, most_in_tile):
+    """Return memory to draw among `most` options in, made once.
+
+    (weights, occupying, heads, met, found)
+    """
     return (
         np.empty((2, most)),
         np.empty((side * side, (most + WORD - 1) // WORD), np.int64),
-        np.empty((3, side * side), np.int64),
+        np.empty((5, 2 * side * side), np.int64),
         np.empty((2 * side + 1, 2), np.int64),
+        np.empty((side * side, most_in_tile), np.int32),
     )
 
 
@@ -72,14 +90,64 @@ def mark_options(options, n_options, n_cells, occupying):
 
 
 @njit(cache=True, nogil=True, inline='always')
+def next_code(source, at, last, place, near, front, found):
+    """Return the code of the ray at a place of one source, NO_RAY at its end."""
+    code = NO_RAY
+    if at < last:
+        if source == FROM_NEAR:
+            code = np.int64(near[at, 0])
+        elif source == FROM_FRONT:
+            code = np.int64(front[at])
+        else:
+            code = np.int64(found[place, at])
+    return code
+
+
+@njit(cache=True, nogil=True, inline='always')
+def fill_heads(
+    heads, found, corner, side, marks, lists, full, near, front, tiles, runs, run_lengths, rays,
+    grid,
+):  # fmt: skip
+    """Fill `heads` with where the rays of each cell of a patch are; return how many there are."""
+    count = 0
+    for i in range(side * side):
+        cell = corner + (i // side) * grid[WIDTH] + i % side
+        number = list_of(cell, marks)
+        begin, end, source = np.int64(0), np.int64(0), FROM_FOUND
+        if number >= 0:
+            begin, end = np.int64(lists[number, NEAR]), np.int64(lists[number + 1, NEAR])
+            if begin < end:
+                heads[AT, count], heads[LAST, count], heads[PLACE, count] = begin, end, i
+                heads[SOURCE, count], heads[CODE, count] = FROM_NEAR, near[begin, 0]
+                count += 1
+        if number >= 0 and full[number]:
+            begin, end = np.int64(lists[number, FRONT]), np.int64(lists[number + 1, FRONT])
+            source = FROM_FRONT
+        else:
+            row = cell // grid[WIDTH]
+            begin = np.int64(0)
+            end = np.int64(
+                find_front(
+                    cell - row * grid[WIDTH], row, tiles, runs, run_lengths, rays, grid, found[i]
+                )
+            )
+        if begin < end:
+            heads[AT, count], heads[LAST, count], heads[PLACE, count] = begin, end, i
+            heads[SOURCE, count] = source
+            heads[CODE, count] = next_code(source, begin, end, i, near, front, found)
+            count += 1
+    return count
+
+
+@njit(cache=True, nogil=True, inline='always')
 def add_likelihoods(
-    options, scores, n_options, occupying, heads, met, corner, side, width, cells, records, bits,
-    cell_start, pairs, pair_bits, positions, ray_start, steps, across, up, likelihood, nothing,
+    options, scores, n_options, occupying, heads, met, found, corner, side, cells, records, bits,
+    marks, lists, full, near, near_bits, front, tiles, runs, run_lengths, rays, ray_bits, grid,
 ):  # fmt: skip
     """Add to each option's score what the rays that reach the patch say of it.
 
     options, scores  (>= n_options,): patterns, and their log-weights, nats; up to one constant
-    occupying, heads, met  memory to work in, see `scratch`
+    occupying, heads, met, found  memory to work in, see `scratch`
     The rays of a cell come in rising order, so those of all cells of the patch can be merged: the
     cells that a ray meets come together, read one after the other from memory. The first of them
     that an option occupies is its hit; if there is none, whatever is behind the patch. Options
@@ -88,49 +156,50 @@ def add_likelihoods(
     n_cells = side * side
     n_words = (n_options + WORD - 1) // WORD
     mark_options(options, n_options, n_cells, occupying)
-    for i in range(n_cells):
-        cell = corner + (i // side) * width + i % side
-        heads[0, i], heads[1, i] = cell_start[cell], cell_start[cell + 1]
-        heads[2, i] = pairs[heads[0, i], 0] if heads[0, i] < heads[1, i] else NO_RAY
+    corner_row = corner // grid[WIDTH]
+    corner_column = corner - corner_row * grid[WIDTH]
+    n_heads = fill_heads(
+        heads, found, corner, side, marks, lists, full, near, front, tiles, runs, run_lengths,
+        rays, grid,
+    )  # fmt: skip
     while True:
-        ray = heads[2, 0]
-        for i in range(1, n_cells):
-            ray = min(ray, heads[2, i])
-        if ray == NO_RAY:
+        code = NO_RAY
+        for i in range(n_heads):
+            code = min(code, heads[CODE, i])
+        if code == NO_RAY:
             break
+        ray = code >> 2
         count = 0
-        for i in range(n_cells):
-            if heads[2, i] != ray:
+        for i in range(n_heads):
+            if heads[CODE, i] != code:
                 continue
-            at = heads[0, i]
-            heads[0, i] = at + 1
-            heads[2, i] = pairs[at + 1, 0] if at + 1 < heads[1, i] else NO_RAY
-            # Sorted by position: `met` holds (position, cell) as one number, and the pair.
-            place = (np.int64(positions[at]) << 8) | i
+            at, cell, source = heads[AT, i], heads[PLACE, i], heads[SOURCE, i]
+            heads[AT, i] = at + 1
+            heads[CODE, i] = next_code(source, at + 1, heads[LAST, i], cell, near, front, found)
+            # Sorted by place: `met` holds (place, cell) as one number, and the pair, -1 in front.
+            place = np.int64(
+                place_of(code, corner_column + cell % side, corner_row + cell // side)
+            )
+            place = (place << 8) | cell
             k = count
             while k > 0 and met[k - 1, 0] > place:
                 met[k, 0], met[k, 1] = met[k - 1, 0], met[k - 1, 1]
                 k -= 1
-            met[k, 0], met[k, 1] = place, at
+            met[k, 0], met[k, 1] = place, at if source == FROM_NEAR else np.int64(-1)
             count += 1
         first_hit = records[ray, 0]
         if first_hit < met[0, 0] >> 8:
             continue  # stopped before the patch
         outside = np.float64(bits[ray, 1])
-        position = met[count - 1, 0] >> 8
-        if first_hit <= position:
+        if first_hit <= met[count - 1, 0] >> 8:
             # It ends in the patch at present: look for what is behind.
-            outside = np.float64(nothing[ray])
             i = met[count - 1, 0] & 255
-            cell = corner + (i // side) * width + i % side
-            at, last = ray_start[ray] + position, ray_start[ray + 1] - 1
-            step_x, step_y = across[ray], up[ray]
-            while at < last:
-                cell = following_cell(cell, steps[at], step_x, step_y)
-                at += 1
-                if cells[cell]:
-                    outside = np.float64(likelihood[at])
-                    break
+            _, value = hit_behind(
+                code, corner_column + i % side, corner_row + i // side, cells, marks, lists, near,
+                near_bits, rays, ray_bits, grid,
+            )  # fmt: skip
+            outside = np.float64(value)
+        level = np.float64(ray_bits[ray, LEVEL])
         for word in range(n_words):
             passing = np.int64(-1)
             for k in range(count):
@@ -138,7 +207,8 @@ def add_likelihoods(
                 if hit == 0:
                     continue
                 passing &= ~hit
-                value = np.float64(pair_bits[met[k, 1], 1]) - outside
+                at = met[k, 1]
+                value = (level if at < 0 else np.float64(near_bits[at, 1])) - outside
                 if value == 0.0:
                     continue
                 option = word * WORD
@@ -172,9 +242,9 @@ def draw_index(rng, log_weights, count, weights):
 
 @njit(cache=True, nogil=True)
 def sweep_patches(
-    rng, corners, side, width, inner, ring, escape, random_share, flip_cells, entry_of_border,
-    start, candidates, log_probability, floor, cells, records, bits, cell_start, pairs, pair_bits,
-    positions, gain, ray_start, steps, across, up, likelihood, nothing,
+    rng, corners, side, inner, ring, escape, random_share, flip_cells, entry_of_border, start,
+    candidates, log_probability, floor, cells, records, bits, marks, lists, full, gain, near,
+    near_bits, front, tiles, runs, run_lengths, rays, ray_bits, grid,
 ):  # fmt: skip
     """Draw one patch after the other given its border and all rays; return the flipped cells.
 
@@ -185,13 +255,18 @@ def sweep_patches(
     flip_cells    so many cells of each patch, from a random one on, are drawn afterwards one by
                   one given the others, whatever the table lists
     """
+    cells, records, bits = borrowed(cells), borrowed(records), borrowed(bits)
+    marks, lists, full, gain = borrowed(marks), borrowed(lists), borrowed(full), borrowed(gain)
+    near, near_bits, front = borrowed(near), borrowed(near_bits), borrowed(front)
+    tiles, runs, run_lengths = borrowed(tiles), borrowed(runs), borrowed(run_lengths)
+    rays, ray_bits, grid = borrowed(rays), borrowed(ray_bits), borrowed(grid)
     patterns = np.int64(1) << (side * side)
     mask = entry_of_border.size - 1
     most = 0
     for e in range(start.size - 1):
         most = max(most, start[e + 1] - start[e])
     options = np.empty(most + 1, np.int64)
-    weights, occupying, heads, met = scratch(side, most + 1)
+    weights, occupying, heads, met, found = scratch(side, most + 1, grid[MOST_IN_TILE])
     scores, weights = weights[0], weights[1]
     flips = 0
     for j in range(corners.size):
@@ -223,9 +298,9 @@ def sweep_patches(
                 scores[n_options] = floor[entry] + math.log(patterns - n_options)
                 n_options += 1
             add_likelihoods(
-                options, scores, n_options, occupying, heads, met, corner, side, width, cells,
-                records, bits, cell_start, pairs, pair_bits, positions, ray_start, steps, across,
-                up, likelihood, nothing,
+                options, scores, n_options, occupying, heads, met, found, corner, side, cells,
+                records, bits, marks, lists, full, near, near_bits, front, tiles, runs,
+                run_lengths, rays, ray_bits, grid,
             )  # fmt: skip
             chosen = options[draw_index(rng, scores, n_options, weights)]
         changed = chosen ^ current
@@ -234,16 +309,11 @@ def sweep_patches(
                 continue
             flips += 1
             cell = corner + inner[i]
-            begin, end = cell_start[cell], cell_start[cell + 1]
-            if (chosen >> i) & 1:
-                cells[cell] = 1
-                shorten_rays(begin, end, records, bits, pairs, pair_bits, positions)
-            else:
-                cells[cell] = 0
-                lengthen_rays(
-                    begin, end, cell, cells, records, bits, pairs, positions, ray_start, steps,
-                    across, up, likelihood, nothing,
-                )  # fmt: skip
+            cells[cell] = (chosen >> i) & 1
+            redirect_rays(
+                cell, cells, records, bits, marks, lists, full, near, near_bits, front, tiles,
+                runs, run_lengths, rays, ray_bits, grid,
+            )  # fmt: skip
         place = np.int64(rng.random() * inner.size) if flip_cells else np.int64(0)
         for _ in range(flip_cells):
             place = (place + 1) % inner.size
@@ -256,25 +326,21 @@ def sweep_patches(
                 row = place_in(candidates, first, last, pattern)
                 value = floor[entry] if row < 0 else log_probability[row]
                 prior += value if option else -value
-            enough = threshold - gain[cell] - SLACK
-            if prior < enough and not cells[cell]:
+            number = list_of(cell, marks)
+            most_added = gain[number] if number >= 0 else np.float32(0.0)
+            if prior < threshold - most_added - SLACK and not cells[cell]:
                 continue  # no ray can change that
-            begin, end = cell_start[cell], cell_start[cell + 1]
             log_odds = log_odds_unless_below(
-                enough, prior, begin, end, cell, cells, records, bits, pairs, pair_bits, positions,
-                ray_start, steps, across, up, likelihood, nothing,
+                threshold, prior, cell, cells, records, bits, marks, lists, full, gain, near,
+                near_bits, front, tiles, runs, run_lengths, rays, ray_bits, grid,
             )  # fmt: skip
-            if log_odds > threshold and not cells[cell]:
-                cells[cell] = 1
-                chosen |= one
-                shorten_rays(begin, end, records, bits, pairs, pair_bits, positions)
-                flips += 1
-            elif cells[cell] and not log_odds > threshold:
-                cells[cell] = 0
-                chosen &= ~one
-                lengthen_rays(
-                    begin, end, cell, cells, records, bits, pairs, positions, ray_start, steps,
-                    across, up, likelihood, nothing,
+            occupied = log_odds > threshold
+            if occupied != (cells[cell] != 0):
+                cells[cell] = occupied
+                chosen ^= one
+                redirect_rays(
+                    cell, cells, records, bits, marks, lists, full, near, near_bits, front, tiles,
+                    runs, run_lengths, rays, ray_bits, grid,
                 )  # fmt: skip
                 flips += 1
     return flips

@@ -72,8 +72,8 @@ def patch_places(
         nothing = np.zeros(index.n_cells, np.float32)
         told = (arrival(index, telling, nothing) > 0.0).reshape(height, width)
         inside = _whole(near(told, margin), side)
-        crossed = np.diff(index.cell_start) > 0
-        dull = _whole(((index.gain <= 0.0) & crossed).reshape(height, width), side)
+        level = (index.gains() <= 0.0) & index.is_touched()
+        dull = _whole(level.reshape(height, width), side)
     sampled = np.zeros((height, width), np.bool_)
     for row in range(1, side + 1):
         for column in range(1, side + 1):

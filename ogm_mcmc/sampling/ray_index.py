@@ -2,90 +2,181 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from ogm_mcmc.arrays import AnyArray
+from ogm_mcmc.arrays import AnyArray, BoolArray, Float32Array
 from ogm_mcmc.config import ForwardModelConfig, WindowConfig
 from ogm_mcmc.errors import WindowError
 from ogm_mcmc.geometry import CellBox, GridSpec, PlacedScan
-from ogm_mcmc.sampling.beam_rays import BeamRays, limited, most_cells, rays_of_scan
-from ogm_mcmc.sampling.ray_index_kernels import file_rays, spread_pairs, trace_rays
+from ogm_mcmc.sampling.beam_rays import (
+    BeamRays,
+    limited,
+    most_cells,
+    most_near_cells,
+    rays_of_scan,
+)
+from ogm_mcmc.sampling.ray_filing import extended
+from ogm_mcmc.sampling.ray_index_kernels import CELLS, GRID_SIZE, NEAR, PAIRS, WIDTH, list_of
+from ogm_mcmc.sampling.ray_line_kernels import (
+    LEVEL,
+    RAY_WORDS,
+    SHAPE,
+    UNSEEN,
+    cells_of_ray,
+    places_of,
+)
 from ogm_mcmc.sensors.forward_model import ForwardModel
 
 __all__ = ['BeamRays', 'RayIndex', 'RayWindow', 'WindowSize']
 
 
 class RayIndex(NamedTuple):
-    """N rays, K cells, T pairs of a ray and a cell it crosses, in two orders.
+    """N rays and the K cells of a window; see the design note of the package.
 
-    By cell: cell k owns rows `cell_start[k]` to `cell_start[k + 1]` (K + 1,) int64 of `pairs`
-    (T, 2) int32, the ray and, as the bits of a float32, log p(z | this cell is its first hit),
-    and of `positions` (T,) uint16, the cell's place on the ray; rays come in rising order;
-    `gain` (K,) float32 is the most that its rays can add to its log-odds.
-    By ray: ray n owns `ray_start[n]` to `ray_start[n + 1]` (N + 1,) int64 of `steps` (T,) uint8
-    and `ray_likelihood` (T,) float32; it begins in `first_cell` (N,) int32 and goes on by
-    `across` and `up` (N,) int32; `nothing` (N,) float32, log p(z | no cell of the ray is hit).
-    15 bytes a pair.
+    Rays: `rays` (N, 5) int64, their lines; see `ogm_mcmc.sampling.ray_line_kernels`.
+    Lists: a cell has one if a ray is near to it, which means that the ray's likelihood is not
+    level there. `marks` (ceil(K / 64), 2) uint64: bits that say which cells have one, and how
+    many lists there are before; `lists` (S + 1, 2) int32: where the near pairs and the front rays
+    of each list begin; `near` (T, 2) int32: code of the ray and, as the bits of a float32,
+    log p(z | this cell is its first hit); `front` (F,) int32: codes of the rays that cross the
+    cell where their likelihood is level, in lists that are `full` (S,) uint8. Codes rise.
+    `gain` (S,) float32: the most that its rays can add to a cell's log-odds; 0 without a list.
+    Tiles of 8 x 8 cells, on the lattice: tile q owns `runs` (R,) int32 from `tiles[q]` to
+    `tiles[q + 1]` (Q + 1,) int32, the first of `run_lengths` (R,) uint8 rays with numbers one
+    after the other, that cross it where they are level. In cells without a full list these have
+    to be looked through.
+    `crossed` (ceil(K / 8),) uint8: a bit for each cell that a ray crosses. `grid` (7,) int64: the
+    width and other numbers, see `ogm_mcmc.sampling.ray_index_kernels`.
     """
 
-    cell_start: AnyArray
-    pairs: AnyArray
-    positions: AnyArray
+    rays: AnyArray
+    marks: AnyArray
+    lists: AnyArray
+    full: AnyArray
     gain: AnyArray
-    ray_start: AnyArray
-    steps: AnyArray
-    ray_likelihood: AnyArray
-    first_cell: AnyArray
-    across: AnyArray
-    up: AnyArray
-    nothing: AnyArray
+    near: AnyArray
+    front: AnyArray
+    tiles: AnyArray
+    runs: AnyArray
+    run_lengths: AnyArray
+    crossed: AnyArray
+    grid: AnyArray
 
     @property
     def n_rays(self) -> int:
         """Number of rays, N."""
-        return int(self.first_cell.size)
+        return int(self.rays.shape[0])
 
     @property
     def n_pairs(self) -> int:
-        """Number of pairs of a ray and a cell it crosses, T."""
-        return int(self.ray_start[-1])
+        """Number of pairs of a ray and a cell it crosses."""
+        return int(self.grid[PAIRS])
 
     @property
     def n_cells(self) -> int:
         """K, cells that no ray crosses included."""
-        return int(self.gain.size)
+        return int(self.grid[CELLS])
 
     @property
     def n_bytes(self) -> int:
         """Memory of all arrays."""
         return sum(int(array.nbytes) for array in self)
 
+    def arrays(self) -> tuple[AnyArray, ...]:
+        """Return the arrays that kernels take one by one, in their order, with views as float32.
+
+        marks, lists, full, gain, near, near_bits, front, tiles, runs, run_lengths, rays,
+        ray_bits, grid
+        """
+        near_bits, ray_bits = self.near.view(np.float32), self.rays.view(np.float32)
+        return (
+            *(self.marks, self.lists, self.full, self.gain, self.near, near_bits, self.front),
+            *(self.tiles, self.runs, self.run_lengths, self.rays, ray_bits, self.grid),
+        )
+
+    def ray(self, number: int) -> tuple[AnyArray, Float32Array, float]:
+        """Return the cells of a ray in order, log p(z | each is its first hit), and none is."""
+        ray = self.rays[number]
+        shape = int(ray[SHAPE])
+        columns, rows = np.empty((2, places_of(shape)), np.int64)
+        count = cells_of_ray(ray, columns, rows)
+        columns, rows = columns[:count], rows[:count]
+        cells: AnyArray = rows * self.grid[WIDTH] + columns
+        level, unseen = self.rays.view(np.float32)[number, [LEVEL, UNSEEN]]
+        values = np.full(count, level, np.float32)
+        code = number << 2 | shape >> 48 & 3
+        places = np.abs(columns - columns[0]) + np.abs(rows - rows[0])
+        for i in np.flatnonzero(places >= (shape >> 32 & 0xFFFF)):
+            which = list_of(int(cells[i]), self.marks)
+            begin, end = self.lists[which : which + 2, NEAR]
+            at = begin + np.searchsorted(self.near[begin:end, 0], code)
+            values[i] = self.near.view(np.float32)[at, 1]
+        return cells, values, float(unseen)
+
+    def listed(self) -> AnyArray:
+        """Cells (S,) int32 that have a list, in rising order."""
+        return _set_bits(self.marks[:, 0].copy().view(np.uint8), self.n_cells)
+
     def touched(self) -> AnyArray:
         """Cells (C,) int32 that a ray crosses, in rising order."""
-        touched: AnyArray = np.flatnonzero(np.diff(self.cell_start)).astype(np.int32)
+        return _set_bits(self.crossed, self.n_cells)
+
+    def is_touched(self) -> BoolArray:
+        """Whether a ray crosses each cell (K,)."""
+        bits = np.unpackbits(self.crossed, count=self.n_cells, bitorder='little')
+        touched: BoolArray = bits.view(np.bool_)
         return touched
+
+    def gains(self) -> Float32Array:
+        """Return (K,) the most that its rays can add to the log-odds of each cell."""
+        gains = np.zeros(self.n_cells, np.float32)
+        gains[self.listed()] = self.gain
+        return gains
+
+
+def _set_bits(bits: AnyArray, count: int) -> AnyArray:
+    numbers: AnyArray = np.flatnonzero(np.unpackbits(bits, count=count, bitorder='little')).astype(
+        np.int32
+    )
+    return numbers
 
 
 class WindowSize(NamedTuple):
-    """Rays, the most pairs of a ray and a cell, and a box around all cells."""
+    """Rays, the most pairs of a ray and a cell, a box around all cells, pairs that are near."""
 
     rays: int
     pairs: int
     box: CellBox
+    near: int = 0
 
     def with_more(self, other: WindowSize) -> WindowSize:
         """Return the size of a window of both."""
         return WindowSize(
-            self.rays + other.rays, self.pairs + other.pairs, self.box.union(other.box)
+            self.rays + other.rays,
+            self.pairs + other.pairs,
+            self.box.union(other.box),
+            self.near + other.near,
+        )
+
+    def without(self, other: WindowSize, box: CellBox) -> WindowSize:
+        """Return the size of a window without a part of it; `box` is around the others."""
+        return WindowSize(
+            self.rays - other.rays, self.pairs - other.pairs, box, self.near - other.near
         )
 
     @property
     def n_bytes(self) -> int:
-        """Memory of an index of this size."""
-        return 15 * self.pairs + 28 * self.rays + 12 * self.box.n_cells
+        """Memory that an index of this size takes, about; measured windows took less."""
+        lists = 13 * min(self.near, self.box.n_cells)
+        in_front = self.pairs - self.near
+        return 40 * self.rays + 8 * self.near + lists + in_front + self.box.n_cells // 2
+
+
+# Rays that are cast at a time.
+BLOCK = 8_000
 
 
 class RayWindow:
@@ -114,6 +205,7 @@ class RayWindow:
         self.model = ForwardModel.from_config(model)
         self.spec = GridSpec(config.resolution, 1, 1)
         self.index = _empty_index()
+        self._size = WindowSize(0, 0, CellBox(0, 0, 0, 0))
 
     def add(self, placed: Iterable[PlacedScan]) -> int:
         """Add scans, each at the mean of its belief; return the number of new rays.
@@ -121,44 +213,59 @@ class RayWindow:
         Raises GridError for a ray that is too long, WindowError when the memory limit would be
         passed; nothing has changed then.
         """
-        rays, box = self._cast(placed)
-        if rays is None:
+        scans = list(placed)
+        more = self._sum_of_sizes(scans)
+        if more.rays == 0:
             return 0
-        first_ray = self.index.n_rays
-        box = box if self.limits is None else self.limits
-        spec = self.spec.windowed(self.spec.box.union(box) if first_ray else box)
-        at_most = self.index.n_pairs + int(most_cells(rays).sum())
-        self._check_memory(WindowSize(first_ray + rays.length.size, at_most, spec.box))
-        rays = rays._replace(column=rays.column - spec.column0, row=rays.row - spec.row0)
-        self.index = _extended(self.index, self.spec, spec, rays, self.model)
-        self.spec = spec
-        return int(rays.length.size)
+        size = self._size.with_more(more)
+        spec = self.spec.windowed(size.box if self.limits is None else self.limits)
+        self._check_memory(size._replace(box=spec.box))
+
+        def beams() -> Iterator[BeamRays]:
+            for block in self._blocks(scans):
+                yield block._replace(column=block.column - spec.column0, row=block.row - spec.row0)
+
+        self.index = extended(self.index, self.spec, spec, beams, more.rays, self.model)
+        self.spec, self._size = spec, size
+        return more.rays
 
     def size_of(self, placed: PlacedScan) -> WindowSize:
         """Return what a scan adds to a window; raises GridError for a ray that is too long."""
-        rays = rays_of_scan(placed, self.config, self.model.sigma_m)
-        if rays.length.size == 0:
-            return WindowSize(0, 0, CellBox(0, 0, 0, 0))
-        return WindowSize(rays.length.size, int(most_cells(rays).sum()), self._box_around(rays))
+        return self._size_of(rays_of_scan(placed, self.config, self.model.sigma_m))
 
     @property
     def most_bytes(self) -> float:
         """The memory that the index may take."""
         return self.config.max_memory_mb * 1e6
 
-    def _cast(self, placed: Iterable[PlacedScan]) -> tuple[BeamRays | None, CellBox]:
-        """Return the rays in lattice cells, and a box around all of them and the margin."""
-        parts, box = [], CellBox(0, 0, 0, 0)
-        for one in placed:
-            rays = rays_of_scan(one, self.config, self.model.sigma_m)
-            if self.limits is not None:
-                rays = limited(rays, self.limits, self.config.resolution)
-            if rays.length.size:
-                parts.append(rays)
-                box = box.union(self._box_around(rays))
-        if not parts:
-            return None, box
-        return BeamRays(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True))), box
+    def _cast(self, placed: PlacedScan) -> BeamRays:
+        rays = rays_of_scan(placed, self.config, self.model.sigma_m)
+        if self.limits is not None:
+            rays = limited(rays, self.limits, self.config.resolution)
+        return rays
+
+    def _blocks(self, scans: Sequence[PlacedScan]) -> Iterator[BeamRays]:
+        """Yield the rays of a few scans at a time: those of all take more than the index."""
+        parts: list[BeamRays] = []
+        for i, scan in enumerate(scans):
+            parts.append(self._cast(scan))
+            if sum(part.length.size for part in parts) >= BLOCK or i + 1 == len(scans):
+                yield BeamRays(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+                parts = []
+
+    def _sum_of_sizes(self, scans: Sequence[PlacedScan]) -> WindowSize:
+        size = WindowSize(0, 0, CellBox(0, 0, 0, 0))
+        for scan in scans:
+            size = size.with_more(self._size_of(self._cast(scan)))
+        return size
+
+    def _size_of(self, rays: BeamRays) -> WindowSize:
+        if rays.length.size == 0:
+            return WindowSize(0, 0, CellBox(0, 0, 0, 0))
+        cells = most_cells(rays)
+        near = np.minimum(cells, most_near_cells(rays, self.model, self.config.resolution))
+        box = self._box_around(rays)
+        return WindowSize(rays.length.size, int(cells.sum()), box, int(near.sum()))
 
     def _box_around(self, rays: BeamRays) -> CellBox:
         end_x, end_y = rays.x + rays.length * rays.ux, rays.y + rays.length * rays.uy
@@ -180,123 +287,19 @@ class RayWindow:
 
 
 def _empty_index() -> RayIndex:
+    grid = np.zeros(GRID_SIZE, np.int64)
+    grid[CELLS] = 1
     return RayIndex(
-        cell_start=np.zeros(2, np.int64),
-        pairs=np.empty((0, 2), np.int32),
-        positions=np.empty(0, np.uint16),
-        gain=np.zeros(1, np.float32),
-        ray_start=np.zeros(1, np.int64),
-        steps=np.empty(0, np.uint8),
-        ray_likelihood=np.empty(0, np.float32),
-        first_cell=np.empty(0, np.int32),
-        across=np.empty(0, np.int32),
-        up=np.empty(0, np.int32),
-        nothing=np.empty(0, np.float32),
+        rays=np.empty((0, RAY_WORDS), np.int64),
+        marks=np.zeros((1, 2), np.uint64),
+        lists=np.zeros((1, 2), np.int32),
+        full=np.empty(0, np.uint8),
+        gain=np.empty(0, np.float32),
+        near=np.empty((0, 2), np.int32),
+        front=np.empty(0, np.int32),
+        tiles=np.zeros(2, np.int32),
+        runs=np.empty(0, np.int32),
+        run_lengths=np.empty(0, np.uint8),
+        crossed=np.zeros(1, np.uint8),
+        grid=grid,
     )
-
-
-def _grown(array: AnyArray, size: int) -> AnyArray:
-    """Grow an array where it lies, if the allocator can: never twice the memory of a large one."""
-    shape = (size, *array.shape[1:])
-    if array.size == 0:
-        return np.empty(shape, array.dtype)  # not cleared, unlike what `resize` adds
-    array.resize(shape, refcheck=False)
-    return array
-
-
-def _extended(
-    index: RayIndex, old: GridSpec, new: GridSpec, rays: BeamRays, model: ForwardModel
-) -> RayIndex:
-    """Return the index with more rays in a window that covers the old one; uses up `index`."""
-    n_old, n_new = index.n_rays, index.n_rays + rays.length.size
-    t_old, t_most = index.n_pairs, index.n_pairs + int(most_cells(rays).sum())
-    counts, gain = _regridded(index, old, new)
-    before = _beginnings(counts)
-
-    ray_start = np.concatenate((index.ray_start, np.empty(n_new - n_old, np.int64)))
-    first_cell = np.concatenate(
-        (_moved_cells(index.first_cell, old, new), np.empty(n_new - n_old, np.int32))
-    )
-    across = np.concatenate((index.across, np.empty(n_new - n_old, np.int32)))
-    up = np.concatenate((np.sign(index.up) * new.width, np.empty(n_new - n_old, np.int32)))
-    up = up.astype(np.int32)
-    nothing = np.concatenate((index.nothing, np.empty(n_new - n_old, np.float32)))
-    steps = _grown(index.steps, t_most)
-    likelihood = _grown(index.ray_likelihood, t_most)
-    total = int(
-        trace_rays(
-            rays,
-            new.width,
-            new.resolution_m,
-            model,
-            ray_start[n_old:],
-            first_cell[n_old:],
-            across[n_old:],
-            up[n_old:],
-            steps,
-            likelihood,
-            nothing[n_old:],
-            counts,
-        )
-    )
-    after = _beginnings(counts)
-    grown = RayIndex(
-        cell_start=after,
-        pairs=_grown(index.pairs, total),
-        positions=_grown(index.positions, total),
-        gain=gain,
-        ray_start=ray_start,
-        steps=_grown(steps, total),
-        ray_likelihood=_grown(likelihood, total),
-        first_cell=first_cell,
-        across=across,
-        up=up,
-        nothing=nothing,
-    )
-    if t_old:
-        spread_pairs(before, after, grown.pairs, grown.positions)
-    # Where the next pair of each cell goes: behind those it had. There may be more cells than
-    # pairs, so no array of them is made that is not needed.
-    next_pair = counts
-    np.subtract(before[1:], before[:-1], out=next_pair)
-    next_pair += after[:-1]
-    file_rays(
-        n_old,
-        next_pair,
-        ray_start,
-        first_cell,
-        across,
-        up,
-        grown.steps,
-        grown.ray_likelihood,
-        nothing,
-        grown.pairs,
-        grown.positions,
-        gain,
-    )
-    return grown
-
-
-def _beginnings(counts: AnyArray) -> AnyArray:
-    """Return where each cell's pairs begin and the last ones end, (K + 1,) int64."""
-    beginnings = np.zeros(counts.size + 1, np.int64)
-    np.cumsum(counts, out=beginnings[1:])
-    return beginnings
-
-
-def _regridded(index: RayIndex, old: GridSpec, new: GridSpec) -> tuple[AnyArray, AnyArray]:
-    """Return pairs per cell and gain per cell on a larger window; cells keep their order."""
-    counts = np.zeros((new.height, new.width), np.int64)
-    gain = np.zeros((new.height, new.width), np.float32)
-    if index.n_rays:
-        place = new.slices(old.box)
-        counts[place] = np.diff(index.cell_start).reshape(old.height, old.width)
-        gain[place] = index.gain.reshape(old.height, old.width)
-    return counts.reshape(-1), gain.reshape(-1)
-
-
-def _moved_cells(cells: AnyArray, old: GridSpec, new: GridSpec) -> AnyArray:
-    row, column = np.divmod(cells, old.width)
-    moved = (row + (old.row0 - new.row0)) * new.width + column + (old.column0 - new.column0)
-    result: AnyArray = moved.astype(np.int32)
-    return result

@@ -1,162 +1,126 @@
-"""Kernels that build the ray index; its layout is described in `ogm_mcmc.sampling.ray_index`.
+"""Kernels that read the ray index; its layout is described in `ogm_mcmc.sampling.ray_index`.
 
-Rays come as `BeamRays`, in cells of the window. Nothing is checked: every ray must lie inside.
+Inner functions take plain arrays, those of `RayIndex.arrays()`, in that order; see the note in
+`ogm_mcmc.sampling.gibbs_kernels`.
 """
 
 import numpy as np
 from numba import njit
 
-from ogm_mcmc.geometry.traversal_kernels import trace_ray
-from ogm_mcmc.sensors.forward_model_kernels import (
-    level_log_likelihood,
-    range_log_likelihood,
-    unseen_log_likelihood,
+from ogm_mcmc.sampling.ray_line_kernels import (
+    BORDER,
+    LEVEL,
+    SHAPE,
+    SLOPE,
+    START,
+    UNSEEN,
+    crosses,
+    near_place,
+    next_occupied,
+    place_of,
 )
 
-# Which way a ray goes on from a cell.
-ACROSS, UP = np.uint8(1), np.uint8(2)
+# The place of the first hit of a ray on which nothing is occupied.
+NOTHING = np.int32(2**31 - 1)
+
+# Numbers of `RayIndex.grid`.
+WIDTH, CELLS, TILE_COLUMNS, TILE_X, TILE_Y, MOST_IN_TILE, PAIRS = range(7)
+GRID_SIZE = 7
+
+# Cells are grouped in square tiles of 2**3 cells a side.
+TILE_BITS = 3
+
+# Columns of `RayIndex.lists`.
+NEAR, FRONT = 0, 1
+
+# Numbers for counting bits; all unsigned, or Numba would turn to floating point.
+ONE, TWO, FOUR, IN_WORD = np.uint64(1), np.uint64(2), np.uint64(4), np.uint64(63)
+ODD_BITS = np.uint64(0x5555555555555555)
+ODD_PAIRS = np.uint64(0x3333333333333333)
+ODD_NIBBLES = np.uint64(0x0F0F0F0F0F0F0F0F)
+EVERY_BYTE = np.uint64(0x0101010101010101)
+TOP_BYTE = np.uint64(56)
 
 
 @njit(cache=True, nogil=True, inline='always')
-def following_cell(cell, step, across, up):
-    """Return the cell behind one: `step` says along which axes, `across` and `up` how far."""
-    if step == ACROSS:
-        return cell + across
-    if step == UP:
-        return cell + up
-    return cell + across + up
+def list_of(cell, marks):
+    """Return the number of a cell's list, -1 if it has none."""
+    word, before = marks[cell >> 6, 0], marks[cell >> 6, 1]
+    bit = np.uint64(cell) & IN_WORD
+    number = np.int64(-1)
+    if (word >> bit) & ONE:
+        left = word & ((ONE << bit) - ONE)
+        left -= (left >> ONE) & ODD_BITS
+        left = (left & ODD_PAIRS) + ((left >> TWO) & ODD_PAIRS)
+        left = (left + (left >> FOUR)) & ODD_NIBBLES
+        number = np.int64(before) + np.int64((left * EVERY_BYTE) >> TOP_BYTE)
+    return number
 
 
 @njit(cache=True, nogil=True, inline='always')
-def per_unit(direction):
-    """Reciprocal of one component of a direction, huge where the ray never moves that way."""
-    if abs(direction) > 1e-300:
-        return 1.0 / direction
-    return 1e300 if direction >= 0.0 else -1e300
+def tile_of(column, row, grid):
+    """Return the number of the tile a cell lies in."""
+    across = (column + grid[TILE_X]) >> TILE_BITS
+    return ((row + grid[TILE_Y]) >> TILE_BITS) * grid[TILE_COLUMNS] + across
 
 
 @njit(cache=True, nogil=True, inline='always')
-def sum_rounded_up(total, term):
-    """Add to a float32 that must not become less than the sum: a bound stays a bound."""
-    exact = np.float64(total) + term
-    rounded = np.float32(exact)
-    return rounded if rounded >= exact else np.float32(exact * (1.0 + 2.0**-23))
-
-
-@njit(cache=True, nogil=True)
-def longest_ray(lengths):
-    """Return more cells than any ray of these lengths crosses."""
-    longest = 0
-    for length in lengths:
-        longest = max(longest, int(2.0 * length) + 6)
-    return longest
-
-
-@njit(cache=True, nogil=True)
-def trace_rays(
-    rays, width, resolution, model, ray_start, first_cell, across, up, steps, likelihood, nothing,
-    counts,
-):  # fmt: skip
-    """Follow rays cell by cell; return how many pairs of ray and cell there are now.
-
-    ray_start, first_cell, across, up, nothing, steps, likelihood  as in `RayIndex`, output
-    counts  (K,) int64, in and out: pairs per cell
-    The distance of a cell lies `model.depth` of the way through it.
-    """
-    longest = longest_ray(rays.length)
-    columns, rows = np.empty(longest, np.int64), np.empty(longest, np.int64)
-    at = ray_start[0]
-    for n in range(rays.length.size):
-        x, y, ux, uy = rays.x[n], rays.y[n], rays.ux[n], rays.uy[n]
-        length, reading, reach = rays.length[n], rays.reading[n], rays.reach[n]
-        # Not plain zeros: Numba would compile `trace_ray` once more for them.
-        zero = np.int64(0)
-        count = trace_ray(zero, zero, x, y, x + length * ux, y + length * uy, columns, rows)
-        first_cell[n] = rays.row[n] * width + rays.column[n]
-        across[n] = 1 if ux > 0.0 else -1
-        up[n] = width if uy > 0.0 else -width
-        nothing[n] = unseen_log_likelihood(model, reading, reach, length * resolution)
-        level, near = level_log_likelihood(model, reading, reach)
-        near_to = min(reading, reach)
-        # A ray leaves a cell by its right or left, and by its upper or lower border; one that
-        # runs along an axis never meets the border beside it.
-        right, upper = (1.0 if ux >= 0.0 else 0.0), (1.0 if uy >= 0.0 else 0.0)
-        per_x, per_y = per_unit(ux), per_unit(uy)
-        cell = np.int64(first_cell[n])
-        entering = 0.0
-        for p in range(count):
-            counts[cell] += 1
-            leaving_x = (columns[p] + right - x) * per_x
-            leaving_y = (rows[p] + upper - y) * per_y
-            # Next to a corner rounding may let a ray leave a cell before it comes in.
-            leaving = max(min(leaving_x, leaving_y), entering)
-            distance = (entering + model.depth * (leaving - entering)) * resolution
-            value = level
-            if abs(distance - near_to) < near:
-                value = range_log_likelihood(model, reading, reach, distance)
-            likelihood[at + p] = value
-            step = np.uint8(0)
-            if p + 1 < count:
-                if columns[p + 1] != columns[p]:
-                    step |= ACROSS
-                if rows[p + 1] != rows[p]:
-                    step |= UP
-            steps[at + p] = step
-            cell = following_cell(cell, step, across[n], up[n])
-            entering = leaving
-        at += count
-        ray_start[n + 1] = at
-    return at
-
-
-@njit(cache=True, nogil=True)
-def spread_pairs(before, after, pairs, positions):
-    """Move the pairs of every cell to where the cell begins now, last cell first.
-
-    before, after  (K + 1,) int64: old and new beginnings, after >= before
-    """
-    for cell in range(before.size - 2, -1, -1):
-        shift = after[cell] - before[cell]
-        if shift == 0:
-            return  # nothing before it moves either
-        for i in range(before[cell + 1] - 1, before[cell] - 1, -1):
-            pairs[i + shift, 0] = pairs[i, 0]
-            pairs[i + shift, 1] = pairs[i, 1]
-            positions[i + shift] = positions[i]
-
-
-@njit(cache=True, nogil=True)
-def file_rays(
-    first_ray, ends, ray_start, first_cell, across, up, steps, likelihood, nothing, pairs,
-    positions, gain,
-):  # fmt: skip
-    """Enter the rays from `first_ray` on under the cells they cross.
-
-    ends  (K,) int64, in and out: where the next pair of each cell goes
-    Adds to `gain` what each pair can at most add to the log-odds of its cell: the likelihood of
-    ending there less the lowest of what lies behind.
-    """
-    bits = pairs.view(np.float32)
-    longest = np.int64(1)
-    for n in range(first_ray, first_cell.size):
-        longest = max(longest, ray_start[n + 1] - ray_start[n])
-    cells = np.empty(longest, np.int64)
-    for n in range(first_ray, first_cell.size):
-        begin = ray_start[n]
-        count = ray_start[n + 1] - begin
-        cell = np.int64(first_cell[n])
-        for p in range(count):
-            cells[p] = cell
-            i = ends[cell]
-            ends[cell] = i + 1
-            pairs[i, 0] = n
-            bits[i, 1] = likelihood[begin + p]
-            positions[i] = p
-            cell = following_cell(cell, steps[begin + p], across[n], up[n])
-        lowest = np.float64(nothing[n])
-        for p in range(count - 1, -1, -1):
-            here = np.float64(likelihood[begin + p])
-            if here > lowest:
-                gain[cells[p]] = sum_rounded_up(gain[cells[p]], here - lowest)
+def likelihood_there(code, cell, place, marks, lists, near, near_bits, rays, ray_bits):
+    """Log p(z | a cell that the ray crosses, at that place, is its first hit)."""
+    ray = code >> 2
+    value = ray_bits[ray, LEVEL]
+    if place >= near_place(rays[ray, START], rays[ray, SHAPE]):
+        number = list_of(cell, marks)
+        low, high = np.int64(lists[number, NEAR]), np.int64(lists[number + 1, NEAR])
+        while high - low > 1:
+            middle = (low + high) >> 1
+            if near[middle, 0] <= code:
+                low = middle
             else:
-                lowest = here
+                high = middle
+        value = near_bits[low, 1]
+    return value
+
+
+@njit(cache=True, nogil=True, inline='always')
+def hit_behind(
+    code, column, row, cells, marks, lists, near, near_bits, rays, ray_bits, grid
+):  # fmt: skip
+    """Return (place, log-likelihood) of the first hit of a ray behind a cell that it crosses."""
+    ray = code >> 2
+    cell, place = next_occupied(
+        rays[ray, BORDER], rays[ray, SLOPE], rays[ray, START], rays[ray, SHAPE], column, row,
+        grid[WIDTH], cells,
+    )  # fmt: skip
+    value = ray_bits[ray, UNSEEN]
+    if cell >= 0:
+        value = likelihood_there(code, cell, place, marks, lists, near, near_bits, rays, ray_bits)
+    else:
+        place = NOTHING
+    return place, value
+
+
+@njit(cache=True, nogil=True, inline='always')
+def reaches_in_front(ray, column, row, rays):
+    """Whether a ray crosses a cell where its likelihood is level."""
+    start, shape = rays[ray, START], rays[ray, SHAPE]
+    there = False
+    if crosses(rays[ray, BORDER], rays[ray, SLOPE], start, shape, column, row):
+        there = place_of(shape >> 48, column, row) < near_place(start, shape)
+    return there
+
+
+@njit(cache=True, nogil=True)
+def find_front(column, row, tiles, runs, run_lengths, rays, grid, found):
+    """Fill `found` with the codes of the rays that cross a cell in front; return how many.
+
+    They come in rising order. found  (>= rays in the tile,) int32
+    """
+    count = 0
+    tile = tile_of(column, row, grid)
+    for i in range(tiles[tile], tiles[tile + 1]):
+        for ray in range(runs[i], runs[i] + run_lengths[i]):
+            if reaches_in_front(ray, column, row, rays):
+                found[count] = (ray << 2) | ((rays[ray, SHAPE] >> 48) & 3)
+                count += 1
+    return count

@@ -93,7 +93,7 @@ def test_scans_that_came_in_extend_the_window():
     assert refinement.window is window
     whole = taken(FIRST, SECOND, THIRD).window
     assert window.spec == whole.spec
-    for name in ('cell_start', 'pairs', 'positions', 'ray_likelihood', 'nothing'):
+    for name in ('rays', 'lists', 'near', 'front', 'runs'):
         assert np.array_equal(getattr(window.index, name), getattr(whole.index, name)), name
 
 

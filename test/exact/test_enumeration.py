@@ -50,8 +50,9 @@ def test_twenty_cells_in_seconds(kind):
     found = enumerate_maps(index, np.log(0.3 / 0.7))
     assert time.perf_counter() - started < 10.0
     assert found.log_joint.size == 2**20
-    rays = index.ray_likelihood.reshape(3, 20).astype(np.float64)
-    line = line_posterior(np.column_stack((rays, index.nothing)), 0.3)
+    rays = np.array([index.ray(n)[1] for n in range(3)], np.float64)
+    nothing = [index.ray(n)[2] for n in range(3)]
+    line = line_posterior(np.column_stack((rays, nothing)), 0.3)
     assert found.marginals == approx(line, abs=1e-9)
     # Errors do not add up on the way through a million maps.
     everywhere = rays[:, 0].sum() + 20 * np.log(0.3)

@@ -11,13 +11,14 @@ from support.tiny_problems import cell_numbers, tiny_problems
 
 from ogm_mcmc.sampling import CellModel
 from ogm_mcmc.sampling.gibbs_kernels import (
-    NOTHING,
     add_occupied,
     conditional_log_odds,
     find_first_hits,
     sweep_arrays,
     sweep_cells,
 )
+from ogm_mcmc.sampling.ray_index_kernels import NOTHING
+from ogm_mcmc.sampling.ray_line_kernels import SHAPE, START, first_place
 
 approx = pytest.approx
 
@@ -69,10 +70,15 @@ def test_first_hits_by_definition(problem, number):
     naive, _, model, places = prepared(problem)
     number %= 2**places.size
     records = model.start(as_cells(number, places, model.n_cells)).records
+    rays = model.index.rays
     occupied = naive.map_of(number)
-    for ray, record in zip(naive.rays, records, strict=True):
-        hits = [p for p, cell in enumerate(ray.cells) if cell in occupied]
-        assert record[0] == (hits[0] if hits else NOTHING)
+    for n, (ray, record) in enumerate(zip(naive.rays, records, strict=True)):
+        hits = [cell for cell in ray.cells if cell in occupied]
+        place = NOTHING
+        if hits:
+            gone = abs(hits[0][0] - ray.cells[0][0]) + abs(hits[0][1] - ray.cells[0][1])
+            place = first_place(rays[n, START], rays[n, SHAPE]) + gone
+        assert record[0] == place
 
 
 @given(problem=tiny_problems(max_cells=12, max_scans=5), seed=st.integers(0, 1000))
@@ -109,7 +115,7 @@ def test_ceiling_is_above_the_conditional_of_every_map(problem):
         assert p <= model.ceiling[k] * (1.0 + 1e-5)
         # And some use: no more than all rays together say at best.
         adds = log_odds.max() - naive.log_odds_before
-        assert adds <= model.index.gain[k] * (1.0 + 1e-6) + 2e-5
+        assert adds <= model.index.gains()[k] * (1.0 + 1e-6) + 2e-5
 
 
 def test_counting_the_occupied():

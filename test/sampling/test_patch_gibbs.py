@@ -97,13 +97,11 @@ def test_scores_are_differences_of_the_likelihood(model, side):
         for row in range(1, HEIGHT - side):
             for column in range(1, WIDTH - side):
                 scores = np.zeros(options.size)
-                _, *memory = scratch(side, options.size)
+                _, *memory = scratch(side, options.size, index.n_rays)
                 add_likelihoods(
-                    options, scores, options.size, *memory, row * WIDTH + column, side, WIDTH,
+                    options, scores, options.size, *memory, row * WIDTH + column, side,
                     state.cells, state.records, state.records.view(np.float32),
-                    index.cell_start, index.pairs, index.pairs.view(np.float32), index.positions,
-                    index.ray_start, index.steps, index.across, index.up, index.ray_likelihood,
-                    index.nothing,
+                    *(array for array in index.arrays() if array is not index.gain),
                 )  # fmt: skip
                 slow = np.array(
                     [

@@ -1,5 +1,6 @@
 """The ray index against exact geometry, whether built at once or in pieces."""
 
+import itertools
 import math
 
 import numpy as np
@@ -12,48 +13,71 @@ from support.tiny_problems import cell_numbers, tiny_problems
 
 from ogm_mcmc.config import ForwardModelConfig, WindowConfig
 from ogm_mcmc.errors import GridError, WindowError
-from ogm_mcmc.geometry import PlacedScan, Pose2D, Scan
-from ogm_mcmc.sampling import RayWindow
+from ogm_mcmc.geometry import CellBox, PlacedScan, Pose2D, Scan
+from ogm_mcmc.sampling import RayWindow, WindowSize
+from ogm_mcmc.sampling.ray_filing import FULL_FROM
+from ogm_mcmc.sampling.ray_index_kernels import (
+    FRONT,
+    MOST_IN_TILE,
+    NEAR,
+    WIDTH,
+    find_front,
+    list_of,
+)
+from ogm_mcmc.sampling.ray_line_kernels import LEVEL
 
 approx = pytest.approx
 
-ACROSS, UP = 1, 2
 BEAM = ForwardModelConfig(sigma=0.2)
 
 
 def by_ray(index):
-    """Cells and log-likelihoods of every ray, walked as `RayIndex` describes."""
+    """Cells and log-likelihoods of every ray."""
     rays = []
     for n in range(index.n_rays):
-        begin, end = index.ray_start[n], index.ray_start[n + 1]
-        cells = [int(index.first_cell[n])]
-        for step in index.steps[begin : end - 1]:
-            across = int(index.across[n]) if step & ACROSS else 0
-            up = int(index.up[n]) if step & UP else 0
-            cells.append(cells[-1] + across + up)
-        rays.append((cells, index.ray_likelihood[begin:end].tolist()))
+        cells, values, _ = index.ray(n)
+        rays.append((cells.tolist(), values.tolist()))
     return rays
 
 
 def by_cell(index):
-    """(ray, position, log-likelihood) of every cell, as `RayIndex` describes."""
-    likelihood = index.pairs.view(np.float32)[:, 1]
-    return [
-        [
-            (int(index.pairs[i, 0]), int(index.positions[i]), float(likelihood[i]))
-            for i in range(index.cell_start[k], index.cell_start[k + 1])
-        ]
-        for k in range(index.n_cells)
-    ]
+    """(ray, log-likelihood) of every cell: near ones of its list, and those found in front."""
+    likelihood, width = index.near.view(np.float32)[:, 1], int(index.grid[WIDTH])
+    levels = index.rays.view(np.float32)[:, LEVEL]
+    found = np.empty(index.n_rays, np.int32)
+    numbers = np.full(index.n_cells, -1)
+    numbers[index.listed()] = np.arange(index.listed().size)
+    cells = []
+    for cell, number in enumerate(numbers.tolist()):
+        assert list_of(cell, index.marks) == number
+        count = find_front(cell % width, cell // width, index.tiles, index.runs,
+                           index.run_lengths, index.rays, index.grid, found)  # fmt: skip
+        codes, near = found[:count].tolist(), []
+        if number >= 0:
+            begin, end = index.lists[number : number + 2, NEAR]
+            near = [(index.near[i, 0], likelihood[i]) for i in range(begin, end)]
+            assert [code for code, _ in near] == sorted(code for code, _ in near)
+            begin, end = index.lists[number : number + 2, FRONT]
+            assert index.front[begin:end].tolist() == (codes if index.full[number] else [])
+            if index.gain[number] > FULL_FROM:
+                assert index.full[number]
+        assert codes == sorted(codes)
+        rays = near + [(code, levels[code >> 2]) for code in codes]
+        cells.append(sorted((int(code) >> 2, float(value)) for code, value in rays))
+    return cells
 
 
 def assert_consistent(index):
     expected = [[] for _ in range(index.n_cells)]
     for n, (cells, values) in enumerate(by_ray(index)):
-        for position, (cell, value) in enumerate(zip(cells, values, strict=True)):
-            expected[cell].append((n, position, value))
+        for cell, value in zip(cells, values, strict=True):
+            expected[cell].append((n, value))
     assert by_cell(index) == expected
     assert index.touched().tolist() == [k for k, pairs in enumerate(expected) if pairs]
+    assert index.n_pairs == sum(map(len, expected))
+    assert index.grid[MOST_IN_TILE] == max(
+        (index.run_lengths[a:b].sum() for a, b in itertools.pairwise(index.tiles)), default=0
+    )
 
 
 def assert_equals_twin(window, naive):
@@ -63,7 +87,8 @@ def assert_equals_twin(window, naive):
     for n, ray in enumerate(naive.rays):
         assert found[n][0] == cell_numbers(window.spec, ray.cells)
         assert found[n][1] == approx(naive._values[n], abs=2e-5, rel=1e-6)
-    assert index.nothing.tolist() == approx(naive._nothing, abs=2e-5, rel=1e-6)
+    nothing = [index.ray(n)[2] for n in range(index.n_rays)]
+    assert nothing == approx(naive._nothing, abs=2e-5, rel=1e-6)
 
 
 def walk(count, seed, beams=12, spread=8.0, range_max_m=4.0):
@@ -138,11 +163,12 @@ def test_a_corridor_on_paper():
     assert (window.spec.width, window.spec.height) == (4, 1)
     off = np.array([0.25 - 2.1, 1.0 - 2.1, 2.0 - 2.1, 3.0 - 2.1, 1.0]) / 0.5
     expected = -0.5 * off**2 - math.log(0.5 * math.sqrt(2.0 * math.pi))
-    assert window.index.ray_likelihood == approx(expected[:4], abs=1e-6)
-    assert window.index.nothing == approx(expected[4:], abs=1e-6)
+    _, values, nothing = window.index.ray(0)
+    assert values == approx(expected[:4], abs=1e-6)
+    assert nothing == approx(expected[4], abs=1e-6)
     # Cell 2 is the best there is; no map makes cell 0 more likely, as what is behind is better.
     lowest_behind = np.minimum.accumulate(expected[::-1])[::-1][1:]
-    assert window.index.gain == approx(np.maximum(expected[:4] - lowest_behind, 0.0), abs=1e-5)
+    assert window.index.gains() == approx(np.maximum(expected[:4] - lowest_behind, 0.0), abs=1e-5)
 
 
 @pytest.mark.parametrize('seed', [1, 2])
@@ -193,17 +219,19 @@ def test_memory_limit_refuses_before_changing_anything(first):
     assert_consistent(window.index)
 
 
-def test_memory_is_bounded_and_reported():
-    """What is held is at most what was asked of the limit, 15 bytes a pair and some a ray."""
-    window = window_of(walk(8, seed=5, beams=40, range_max_m=12.0), resolution=0.1)
+@pytest.mark.parametrize('resolution', [0.1, 0.02])
+def test_memory_is_bounded_and_reported(resolution):
+    """What is held is at most what was asked of the limit, less than 8 bytes a pair."""
+    placed = walk(8, seed=5, beams=40, range_max_m=12.0)
+    window = window_of(placed, ForwardModelConfig(sigma=0.05), resolution=resolution)
     index = window.index
     assert index.n_bytes == sum(array.nbytes for array in index)
-    per_ray_and_cell = 28 * index.n_rays + 12 * index.n_cells + 100
-    assert index.n_bytes <= 15 * index.n_pairs + per_ray_and_cell
-    per_pair = sum(
-        array.nbytes for array in (index.pairs, index.positions, index.steps, index.ray_likelihood)
-    )
-    assert per_pair <= 16 * index.n_pairs
+    size = WindowSize(0, 0, CellBox(0, 0, 0, 0))
+    for one in placed:
+        size = size.with_more(window.size_of(one))
+    assert index.n_bytes <= size.n_bytes <= 2.0 * index.n_bytes
+    assert size.near >= len(index.near)
+    assert size.pairs >= index.n_pairs
 
 
 def test_rays_that_are_too_long_are_refused():
@@ -224,7 +252,7 @@ def test_a_reading_at_the_very_reach_is_a_reading(bearing):
             [PlacedScan.at(scan, Pose2D(0.123, 0.456, 0.7))], resolution=0.1, cut_sigma=0.0
         )
         # Nothing on the ray: a range of R is clutter, 0.05 / R. No return would be 0.95.
-        assert window.index.nothing[0] == approx(math.log(0.05 / reading), abs=1e-5)
+        assert window.index.ray(0)[2] == approx(math.log(0.05 / reading), abs=1e-5)
 
 
 @pytest.mark.parametrize('reading', [1e-20, 1e-30, 1e-12, 1e-7])
@@ -282,7 +310,7 @@ def test_beams_along_axes_and_through_corners(x, y, yaw):
 @settings(REPEATABLE, max_examples=60)
 def test_no_map_gives_a_cell_more_than_its_gain(problem, chosen):
     naive, window = problem.naive(), problem.indexed()
-    gain = window.index.gain
+    gain = window.index.gains()
     for number in chosen:
         occupied = naive.map_of(number % 2 ** len(naive.touched))
         numbers = cell_numbers(window.spec, naive.touched)
@@ -302,8 +330,9 @@ def test_gain_is_a_bound_of_many_rays_too(reading):
     window.add([PlacedScan.at(fan(*[reading] * count, range_max_m=4.0), Pose2D(0.5, 0.5))])
     index = window.index
     # All rays are the same: what a cell gains is so many times what one gives.
-    values = index.ray_likelihood[: index.ray_start[1]].astype(np.float64)
+    _, values, nothing = index.ray(0)
+    values, gain = values.astype(np.float64), index.gains()
     for k in range(values.size):
-        lowest = min([*values[k + 1 :], float(index.nothing[0])])
+        lowest = min([*values[k + 1 :], nothing])
         most = count * max(values[k] - lowest, 0.0)
-        assert most <= index.gain[k] <= most * (1.0 + 1e-3)
+        assert most <= gain[k] <= most * (1.0 + 1e-3)

@@ -45,14 +45,8 @@ def rays_of(index: RayIndex) -> list[NaiveRay]:
     """Read every ray of an index cell by cell."""
     rays = []
     for n in range(index.n_rays):
-        first, end = int(index.ray_start[n]), int(index.ray_start[n + 1])
-        cells = [int(index.first_cell[n])]
-        for step in index.steps[first : end - 1].tolist():
-            across = int(index.across[n]) if step & 1 else 0
-            up = int(index.up[n]) if step & 2 else 0
-            cells.append(cells[-1] + across + up)
-        values = index.ray_likelihood[first:end].tolist()
-        rays.append(NaiveRay(cells, values, float(index.nothing[n])))
+        cells, values, nothing = index.ray(n)
+        rays.append(NaiveRay(cells.tolist(), values.tolist(), nothing))
     return rays
 
 

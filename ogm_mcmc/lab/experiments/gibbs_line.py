@@ -72,8 +72,8 @@ def measured_line(readings: Float64Array, reach: int, sigma: float, robot: int =
 def log_likelihoods(line: Line) -> Float64Array:
     """Return log p(z_n | first occupied cell) (N, F + 2), the last column for none, nats."""
     index = line.window.index
-    table = index.ray_likelihood.reshape(index.n_rays, -1).astype(np.float64)
-    return np.concatenate((table, index.nothing[:, None].astype(np.float64)), axis=1)
+    rows = [[*values, unseen] for _, values, unseen in map(index.ray, range(index.n_rays))]
+    return np.array(rows, np.float64)
 
 
 def traditional_map(line: Line) -> Float64Array:

@@ -1,0 +1,267 @@
+"""Extends a ray index by more rays, in place, with next to no memory but what is kept."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ogm_mcmc.arrays import AnyArray, BoolArray
+from ogm_mcmc.errors import WindowError
+from ogm_mcmc.geometry import GridSpec
+from ogm_mcmc.sampling.beam_rays import BeamRays
+from ogm_mcmc.sampling.ray_filing_kernels import (
+    file_near,
+    fill_fronts,
+    lay_rays,
+    spread,
+    walk_front,
+)
+from ogm_mcmc.sampling.ray_index_kernels import (
+    CELLS,
+    FRONT,
+    GRID_SIZE,
+    MOST_IN_TILE,
+    NEAR,
+    PAIRS,
+    TILE_BITS,
+    TILE_COLUMNS,
+    TILE_X,
+    TILE_Y,
+    WIDTH,
+)
+from ogm_mcmc.sampling.ray_line_kernels import BORDER, START
+from ogm_mcmc.sensors.forward_model import ForwardModel
+
+if TYPE_CHECKING:
+    from ogm_mcmc.sampling.ray_index import RayIndex
+
+__all__ = ['extended']
+
+FULL_FROM = 1.0
+"""Nats: lists of cells that rays can lift by more than this are full."""
+
+MOST_PAIRS = 2**31 - 1
+MOST_RAYS = 2**29
+
+
+def extended(
+    index: RayIndex,
+    old: GridSpec,
+    new: GridSpec,
+    beams: Callable[[], Iterator[BeamRays]],
+    n_more: int,
+    model: ForwardModel,
+) -> RayIndex:
+    """Return the index with `n_more` rays in a window that covers the old one; uses up `index`.
+
+    `beams` yields the new rays, a block at a time, in cells of the new window; it is called twice.
+    """
+    n_old, n_cells = index.n_rays, new.width * new.height
+    if n_old + n_more >= MOST_RAYS:
+        raise WindowError(f'{n_old + n_more} rays: expected fewer than {MOST_RAYS}')
+    old_cells = _moved_cells(index.listed(), old, new)
+    grid = _grid(new)
+    grid[PAIRS] = index.grid[PAIRS]
+    rays = _grown(_moved_rays(index.rays, old, new), n_old + n_more)
+    counts = np.zeros(n_cells, np.int32)
+    at = n_old
+    for block in beams():
+        n = block.length.size
+        lay_rays(block, model, new.resolution_m, new.width, rays[at : at + n], counts)
+        at += n
+    listed = counts > 0
+    listed[old_cells] = True
+    marks = _marks(listed)
+    cells = np.flatnonzero(listed).astype(np.int32)
+    where_old = np.searchsorted(cells, old_cells)
+    more = counts[cells].astype(np.int64)
+    del counts, listed
+
+    lists = np.zeros((cells.size + 1, 2), np.int32)
+    before = index.lists[:, NEAR].astype(np.int64)
+    more[where_old] += np.diff(before)
+    lists[1:, NEAR] = _sums(more)
+    next_near = _spread_out(before, where_old, lists[:, NEAR])
+    near = _grown(index.near, int(lists[-1, NEAR]))
+    spread(before, where_old, lists[:, NEAR].astype(np.int64), near)
+    gain = _at(index.gain, where_old, cells.size)
+    at = n_old
+    for block in beams():
+        file_near(block, model, new.resolution_m, at, rays, marks, next_near, near, gain, grid)
+        at += block.length.size
+    del next_near
+    full = _at(index.full, where_old, cells.size)
+    becoming = np.flatnonzero((gain > FULL_FROM) & (full == 0))
+    full[becoming] = 1
+    kept = index._replace(
+        rays=rays, marks=marks, lists=lists, full=full, gain=gain, near=near, grid=grid,
+        tiles=_moved_tiles(index.tiles, old, new),
+        crossed=_moved_bits(index, old, new),
+    )  # fmt: skip
+    before = index.lists[:, FRONT].astype(np.int64)
+    return _with_front(kept, n_old, before, where_old, becoming, cells)
+
+
+def _with_front(
+    index: RayIndex,
+    n_old: int,
+    before: AnyArray,
+    where_old: AnyArray,
+    becoming: AnyArray,
+    cells: AnyArray,
+) -> RayIndex:
+    """Enter the rays from `n_old` on where they are level: in tiles and in full lists.
+
+    before, where_old  where the front rays of lists began, and what number these have now
+    becoming           lists that are full from now on; cells (S,) of all lists
+    """
+    rays, marks, grid, full = index.rays, index.marks, index.grid, index.full
+    runs, run_lengths, front, tiles = index.runs, index.run_lengths, index.front, index.tiles
+    places = cells[becoming].astype(np.int64)
+    last, run = _last_runs(index)
+    counted = np.zeros(cells.size, np.int32), np.zeros(tiles.size - 1, np.int32)
+    nothing = np.empty(0, np.int32)
+    old_tiles = tiles, runs, run_lengths
+    fill_fronts(becoming, places, n_old, *old_tiles, rays, grid, counted[0], nothing)
+    pairs = walk_front(
+        n_old, rays, marks, full, grid, index.crossed, last.copy(), run.copy(), counted[1],
+        counted[0], runs, run_lengths, nothing, False,
+    )  # fmt: skip
+    grid[PAIRS] += pairs
+    more = counted[0].astype(np.int64)
+    more[where_old] += np.diff(before)
+    index.lists[1:, FRONT] = _sums(more)
+    next_front = _spread_out(before, where_old, index.lists[:, FRONT])
+    front = _grown(front, int(index.lists[-1, FRONT]))
+    spread(before, where_old, index.lists[:, FRONT].astype(np.int64), front[:, None])
+    fill_fronts(becoming, places, n_old, *old_tiles, rays, grid, next_front, front)
+
+    begins = tiles.astype(np.int64)
+    after = np.zeros_like(tiles)
+    after[1:] = _sums(np.diff(begins) + counted[1])
+    every = np.arange(tiles.size - 1)
+    next_run = _spread_out(begins, every, after)
+    runs, run_lengths = _grown(runs, int(after[-1])), _grown(run_lengths, int(after[-1]))
+    spread(begins, every, after.astype(np.int64), runs[:, None])
+    spread(begins, every, after.astype(np.int64), run_lengths[:, None])
+    walk_front(
+        n_old, rays, marks, full, grid, index.crossed, last, run, next_run, next_front, runs,
+        run_lengths, front, True,
+    )  # fmt: skip
+    grid[MOST_IN_TILE] = _most_in_tile(after, run_lengths)
+    return index._replace(front=front, tiles=after, runs=runs, run_lengths=run_lengths)
+
+
+def _grid(spec: GridSpec) -> AnyArray:
+    side = 1 << TILE_BITS
+    grid = np.zeros(GRID_SIZE, np.int64)
+    grid[WIDTH], grid[CELLS] = spec.width, spec.width * spec.height
+    grid[TILE_X], grid[TILE_Y] = spec.column0 % side, spec.row0 % side
+    grid[TILE_COLUMNS] = _tile_shape(spec)[1]
+    return grid
+
+
+def _tile_shape(spec: GridSpec) -> tuple[int, int]:
+    """Return how many tiles, anchored on the lattice, a window has up and across."""
+    box = spec.box
+    return (
+        ((box.row1 - 1) >> TILE_BITS) - (box.row0 >> TILE_BITS) + 1,
+        ((box.column1 - 1) >> TILE_BITS) - (box.column0 >> TILE_BITS) + 1,
+    )
+
+
+def _grown(array: AnyArray, size: int) -> AnyArray:
+    """Grow an array where it lies, if the allocator can: never twice the memory of a large one."""
+    shape = (size, *array.shape[1:])
+    if array.size == 0:
+        return np.empty(shape, array.dtype)  # not cleared, unlike what `resize` adds
+    array.resize(shape, refcheck=False)
+    return array
+
+
+def _sums(counts: AnyArray) -> AnyArray:
+    sums = np.cumsum(counts)
+    if sums.size and sums[-1] > MOST_PAIRS:
+        raise WindowError(f'{sums[-1]} pairs of a ray and a cell: expected at most {MOST_PAIRS}')
+    return sums
+
+
+def _spread_out(before: AnyArray, where: AnyArray, after: AnyArray) -> AnyArray:
+    """Return where the next entry of each list goes, behind those it had: (S,) int32."""
+    following = after[:-1].astype(np.int32)
+    following[where] += np.diff(before).astype(np.int32)
+    return following
+
+
+def _at(values: AnyArray, where: AnyArray, size: int) -> AnyArray:
+    result = np.zeros(size, values.dtype)
+    result[where] = values
+    return result
+
+
+def _marks(listed: BoolArray) -> AnyArray:
+    """Return bits of which cells have a list, and how many lists there are before each word."""
+    words = (listed.size + 63) // 64
+    marks = np.zeros((words, 2), np.uint64)
+    packed = np.zeros(8 * words, np.uint8)
+    bits = np.packbits(listed, bitorder='little')
+    packed[: bits.size] = bits
+    marks[:, 0] = packed.view(np.uint64)
+    marks[1:, 1] = np.cumsum(np.bitwise_count(marks[:-1, 0]), dtype=np.uint64)
+    return marks
+
+
+def _moved_cells(cells: AnyArray, old: GridSpec, new: GridSpec) -> AnyArray:
+    row, column = np.divmod(cells.astype(np.int64), old.width)
+    moved: AnyArray = (row + (old.row0 - new.row0)) * new.width
+    return moved + column + (old.column0 - new.column0)
+
+
+def _moved_rays(rays: AnyArray, old: GridSpec, new: GridSpec) -> AnyArray:
+    if rays.size:
+        across, up = old.column0 - new.column0, old.row0 - new.row0
+        rays[:, BORDER] += across << 40
+        rays[:, START] += across + (up << 32)
+    return rays
+
+
+def _moved_bits(index: RayIndex, old: GridSpec, new: GridSpec) -> AnyArray:
+    crossed = np.zeros((new.height, new.width), np.bool_)
+    if index.n_rays:
+        crossed[new.slices(old.box)] = index.is_touched().reshape(old.height, old.width)
+    bits: AnyArray = np.packbits(crossed.reshape(-1), bitorder='little')
+    return bits
+
+
+def _moved_tiles(tiles: AnyArray, old: GridSpec, new: GridSpec) -> AnyArray:
+    """Return where the runs of each tile begin in a larger window; tiles keep their order."""
+    shape, old_shape = _tile_shape(new), _tile_shape(old)
+    up = (old.row0 >> TILE_BITS) - (new.row0 >> TILE_BITS)
+    across = (old.column0 >> TILE_BITS) - (new.column0 >> TILE_BITS)
+    counts = np.zeros(shape, np.int32)
+    if tiles[-1]:
+        place = slice(up, up + old_shape[0]), slice(across, across + old_shape[1])
+        counts[place] = np.diff(tiles).reshape(old_shape)
+    moved = np.zeros(counts.size + 1, np.int32)
+    np.cumsum(counts, out=moved[1:])
+    return moved
+
+
+def _last_runs(index: RayIndex) -> tuple[AnyArray, AnyArray]:
+    """Return the last ray of each tile, and how long its last run is, (Q,) int32."""
+    last = np.full(index.tiles.size - 1, -2, np.int32)
+    run = np.zeros(index.tiles.size - 1, np.int32)
+    some = np.flatnonzero(np.diff(index.tiles))
+    at = index.tiles[some + 1] - 1
+    run[some] = index.run_lengths[at]
+    last[some] = index.runs[at] + run[some] - 1
+    return last, run
+
+
+def _most_in_tile(tiles: AnyArray, run_lengths: AnyArray) -> int:
+    some = np.flatnonzero(np.diff(tiles))
+    if not some.size:
+        return 0
+    return int(np.add.reduceat(run_lengths, tiles[some], dtype=np.int64).max())
