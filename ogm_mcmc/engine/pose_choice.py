@@ -111,7 +111,8 @@ class PoseChoice(NamedTuple):
             return ''
         source = self.chosen.candidate
         usual_ns = _typical_gap(source.stamps[0])
-        if usual_ns <= DENSE_NS:
+        own = np.isin(self.scan_stamps, source.stamps[0]).mean()
+        if usual_ns <= DENSE_NS or own >= ABOUT_AS_MANY:  # nothing to interpolate
             return ''
         there = any(one.candidate.kind == TF and one.coverage > 0.0 for one in self.others)
         better = 'better poses: --pose-source tf' if there else 'tf knows better: record /tf, too'

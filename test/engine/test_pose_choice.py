@@ -184,6 +184,7 @@ def test_poses_that_come_rarely_are_told():
     )
     assert choose_poses([SLOW], SCANS).rarely().endswith('tf knows better: record /tf, too')
     assert choose_poses([ODOM], SCANS).rarely() == ''
+    assert choose_poses([SLOW], every(1.0)).rarely() == ''  # each scan has its own
     assert choose_poses([TF_MAP], SCANS).rarely() == ''
     assert choose_poses([AMCL], SCANS[:0]).rarely() == ''
 
