@@ -7,7 +7,8 @@ Three questions, three kinds of answers:
 - Are its probabilities to be believed? Reliability curve and expected calibration error; Brier
   score.
 - What does it predict? Log-likelihood of held-out beams, which needs no truth at all; entropy
-  and the information a scan from somewhere is expected to give.
+  and the information a scan from somewhere is expected to give. How likely a way is blocked is
+  asked of map samples (`collision_risk`).
 
 Everything takes plain arrays or a `GridMap`; unknown cells are nan, and the caller says what
 they stand for. Counts and bins of several maps add up (`pooled`). `compare` computes all figures
@@ -22,6 +23,7 @@ from ogm_mcmc.evaluation.beam_likelihood import (
 )
 from ogm_mcmc.evaluation.calibration import Reliability, brier_score, reliability
 from ogm_mcmc.evaluation.classification import Scores, ThresholdCounts, confusion_counts
+from ogm_mcmc.evaluation.collision import SampleBits, collision_risk
 from ogm_mcmc.evaluation.comparison import Comparison, aligned, compare
 from ogm_mcmc.evaluation.distance import DistanceError, distance_to, occupied_distance_error
 from ogm_mcmc.evaluation.divergence import (
@@ -53,12 +55,14 @@ __all__ = [
     'LogDensity',
     'Ratio',
     'Reliability',
+    'SampleBits',
     'Scores',
     'ThresholdCounts',
     'aligned',
     'beam_log_likelihood',
     'brier_score',
     'cells_that_count',
+    'collision_risk',
     'compare',
     'confusion_counts',
     'distance_to',

@@ -1,0 +1,63 @@
+"""Collisions by plain geometry, one sample, one cell and one piece of way at a time."""
+
+import math
+from itertools import pairwise
+
+__all__ = ['met', 'risk_by_cells']
+
+
+def _to_square(x, y, column, row):
+    return math.hypot(max(column - x, x - column - 1, 0), max(row - y, y - row - 1, 0))
+
+
+def _to_segment(x, y, a, b):
+    length2 = (b[0] - a[0]) ** 2 + (b[1] - a[1]) ** 2
+    part = 0.0
+    if length2 > 0.0:
+        part = ((x - a[0]) * (b[0] - a[0]) + (y - a[1]) * (b[1] - a[1])) / length2
+    part = min(max(part, 0.0), 1.0)
+    return math.hypot(a[0] + part * (b[0] - a[0]) - x, a[1] + part * (b[1] - a[1]) - y)
+
+
+def _crosses(a, b, column, row):
+    """Whether the segment has a point in the square: its part between all four sides is left."""
+    first, last = 0.0, 1.0
+    for start, end, low in ((a[0], b[0], column), (a[1], b[1], row)):
+        step = end - start
+        if step == 0.0:
+            if not low <= start <= low + 1:
+                return False
+            continue
+        parts = sorted(((low - start) / step, (low + 1 - start) / step))
+        first, last = max(first, parts[0]), min(last, parts[1])
+    return first <= last
+
+
+def _distance(a, b, column, row):
+    """From the segment a-b to a square cell: at a corner or an end, unless one crosses."""
+    if _crosses(a, b, column, row):
+        return 0.0
+    corners = [(column + i, row + j) for i in (0, 1) for j in (0, 1)]
+    ends = [_to_square(*a, column, row), _to_square(*b, column, row)]
+    return min(ends + [_to_segment(*corner, a, b) for corner in corners])
+
+
+def met(a, b, radius, shape, around=12):
+    """Cells (row, column) that a disc meets from a to b, also outside of the map."""
+    rows, columns = range(-around, shape[0] + around), range(-around, shape[1] + around)
+    return [(j, i) for j in rows for i in columns if _distance(a, b, i, j) <= radius]
+
+
+def risk_by_cells(maps, known, places, radius, p_unknown):
+    """Probability of a collision at each place and on the way; lengths in cells."""
+
+    def one(cells):
+        inside = [(j, i) for j, i in cells if 0 <= j < known.shape[0] and 0 <= i < known.shape[1]]
+        sampled = [cell for cell in inside if known[cell]]
+        rest = p_unknown if len(sampled) < len(cells) else 0.0
+        return sum(1.0 if any(m[c] for c in sampled) else rest for m in maps) / len(maps)
+
+    points = [met(place, place, radius, known.shape) for place in places]
+    pieces = [met(a, b, radius, known.shape) for a, b in pairwise(places)]
+    way = sorted({cell for cells in points + pieces for cell in cells})
+    return [one(cells) for cells in (*points, way)]
