@@ -18,6 +18,7 @@ import numpy as np
 
 from ogm_mcmc.cli.evaluate_answer import Answer, make_page
 from ogm_mcmc.cli.evaluate_beams import by_beams
+from ogm_mcmc.cli.evaluate_points import by_points
 from ogm_mcmc.cli.evaluate_pose import from_pose, pose_inside, read_pose
 from ogm_mcmc.cli.evaluate_trajectory import (
     add_trajectory_judges,
@@ -40,6 +41,7 @@ from ogm_mcmc.config import (
     EvaluationConfig,
     ExpectedScanConfig,
     HeldOutConfig,
+    HeldOutPointsConfig,
     PlacingConfig,
     SamplerConfig,
     add_arguments,
@@ -102,6 +104,11 @@ def add_to(subparsers: Subparsers) -> None:
         '--samples', type=Path, metavar='FILE',
         help='judge the mixture of the maps that `sample --samples` wrote, too',
     )  # fmt: skip
+    beams.add_argument(
+        '--points', action='store_true',
+        help='judge by points of the beams, too: free along them, occupied where they returned',
+    )  # fmt: skip
+    add_arguments(beams, HeldOutPointsConfig)
     add_stream_options(parser)
     add_arguments(parser.add_argument_group('lidar (--pose)'), ExpectedScanConfig)
     configs = (SamplerConfig, PlacingConfig)
@@ -125,6 +132,8 @@ def run(options: argparse.Namespace) -> int:
     check_trajectory_options(options)
     if options.samples is not None and options.bag is None:
         raise ConfigError(f'--samples {options.samples}: expected --beams BAG to judge them by')
+    if options.points and options.bag is None:
+        raise ConfigError('--points: expected --beams BAG, whose beams they lie on')
     config = build(EvaluationConfig, given(options, EvaluationConfig))
     checked_name(options.name)
     require_matplotlib()
@@ -168,6 +177,7 @@ def _answers(
     read = partial(config_from, options, node='refine_server', node_configs=REFINE_CONFIGS)
     sampler, placing = read(SamplerConfig), read(PlacingConfig)
     choice = build(HeldOutConfig, given(options, HeldOutConfig))
+    points = build(HeldOutPointsConfig, given(options, HeldOutPointsConfig))
     expected = build(ExpectedScanConfig, given(options, ExpectedScanConfig))
     pose = None if options.pose is None else pose_inside(read_pose(options.pose), grid_map)
     answers: dict[str, Answer] = {}
@@ -175,7 +185,11 @@ def _answers(
         answers['truth'] = against_truth(grid_map, options.truth, config, options.max_cells)
     _paths(options)  # what cannot be saved is better said before the work than after it
     if options.bag is not None:
-        answers['beams'] = by_beams(options, grid_map, config.unknown, choice, placing, sampler)
+        answers['beams'], beams = by_beams(
+            options, grid_map, config.unknown, choice, placing, sampler
+        )
+        if options.points:
+            answers['points'] = by_points(grid_map, beams, config, points)
     if pose is not None:
         answers['pose'] = from_pose(grid_map, pose, config.unknown, expected, sampler.model)
     return answers

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from ogm_mcmc.arrays import AnyArray, Float64Array
 from ogm_mcmc.cli.bag_scans import BagScans, read_bag
 from ogm_mcmc.cli.evaluate_answer import Answer
 from ogm_mcmc.config import HeldOutConfig, PlacingConfig, SamplerConfig, flatten
+from ogm_mcmc.config.sampling import WindowConfig
 from ogm_mcmc.errors import BagError
 from ogm_mcmc.evaluation import (
     HeldOutBeams,
@@ -20,12 +22,12 @@ from ogm_mcmc.evaluation import (
     held_out_beams,
     log_likelihood_of_samples,
 )
-from ogm_mcmc.geometry import GridMap
+from ogm_mcmc.geometry import GridMap, GridSpec
 from ogm_mcmc.io.sample_files import load_samples
 from ogm_mcmc.plotting import Picture, Series, curves_png, heat_png, probability_png
 from ogm_mcmc.sensors.forward_model import ForwardModel
 
-__all__ = ['by_beams']
+__all__ = ['beam_figures', 'beam_settings', 'by_beams', 'read_figures', 'read_held_out']
 
 # So many nats below the usual log-likelihood are a great surprise.
 SURPRISE = 6.0
@@ -38,29 +40,17 @@ def by_beams(
     choice: HeldOutConfig,
     placing: PlacingConfig,
     sampler: SamplerConfig,
-) -> Answer:
+) -> tuple[Answer, HeldOutBeams]:
     """Judge a map, and the maps of `options.samples`, by the beams of `options.bag`.
 
-    A scan is taken to come from the mean of the belief about its pose.
+    Returns the beams, too. A scan is taken to come from the mean of the belief about its pose.
     """
     samples = None if options.samples is None else load_samples(options.samples, options.max_cells)
     model, window = ForwardModel.from_config(sampler.model), sampler.window
-    bag = read_bag(options, placing)
-    beams = held_out_beams(
-        bag.placed[:: choice.beams_stride],
-        grid_map.spec,
-        max_range_m=window.max_range,
-        no_return=window.no_return,
-        leaving=choice.leaving,
-    )
-    if not beams.placed:
-        raise BagError(
-            f'{options.bag}: no beam of {len(bag.placed)} placed scans says anything '
-            f'({beams.left_out} left out because they end outside of the map): expected some'
-        )
+    bag, beams = read_held_out(options, [grid_map.spec], choice, placing, window)
     with tqdm(beams.placed, unit=' scans', desc='judge', disable=None) as bar:
         values = beam_log_likelihood(grid_map, bar, model, prior=unknown)
-    figures = {**_read(options, bag, beams), **_judged(beams, values)}
+    figures = {**read_figures(options, bag, beams), **beam_figures(beams, values)}
     if samples is not None:
         maps = tqdm(
             samples.grid_maps(), total=len(samples.maps), unit=' maps', desc='judge', disable=None
@@ -72,7 +62,47 @@ def by_beams(
             **_figure(beams, mixture),
             'above_map': _named(beams.mean(mixture - values)),
         }
-    settings = {
+    pictures = _pictures(grid_map, beams, values)
+    settings = beam_settings(choice, placing, sampler)
+    answer = Answer(figures, _rows(figures), [('Held-out beams', pictures)], settings)
+    return answer, beams
+
+
+def read_held_out(
+    options: argparse.Namespace,
+    specs: Sequence[GridSpec],
+    choice: HeldOutConfig,
+    placing: PlacingConfig,
+    window: WindowConfig,
+) -> tuple[BagScans, HeldOutBeams]:
+    """Read `options.bag` and choose the beams that judge maps of those grids, all the same ones.
+
+    With `leaving` exclude they end inside of every map; their cells are those of the last grid.
+    """
+    bag = read_bag(options, placing)
+    placed, left_out = bag.placed[:: choice.beams_stride], 0
+    for spec in specs:
+        beams = held_out_beams(
+            placed,
+            spec,
+            max_range_m=window.max_range,
+            no_return=window.no_return,
+            leaving=choice.leaving,
+        )
+        placed, left_out = beams.placed, left_out + beams.left_out
+    if not beams.placed:
+        raise BagError(
+            f'{options.bag}: no beam of {len(bag.placed)} placed scans says anything '
+            f'({left_out} left out because they end outside of the map): expected some'
+        )
+    return bag, beams._replace(left_out=left_out)
+
+
+def beam_settings(
+    choice: HeldOutConfig, placing: PlacingConfig, sampler: SamplerConfig
+) -> dict[str, Any]:
+    """Return the settings that say how beams were chosen and understood."""
+    return {
         **{
             name: value
             for name, value in flatten(sampler).items()
@@ -81,12 +111,12 @@ def by_beams(
         **flatten(choice),
         **flatten(placing),
     }
-    return Answer(
-        figures, _rows(figures), [('Held-out beams', _pictures(grid_map, beams, values))], settings
-    )
 
 
-def _read(options: argparse.Namespace, bag: BagScans, beams: HeldOutBeams) -> dict[str, Any]:
+def read_figures(
+    options: argparse.Namespace, bag: BagScans, beams: HeldOutBeams
+) -> dict[str, Any]:
+    """Return what was read and used, for the JSON."""
     return {
         'bag': str(options.bag),
         'scan_topic': bag.topics.scan_names,
@@ -100,7 +130,7 @@ def _read(options: argparse.Namespace, bag: BagScans, beams: HeldOutBeams) -> di
     }
 
 
-def _judged(beams: HeldOutBeams, values: Float64Array) -> dict[str, Any]:
+def beam_figures(beams: HeldOutBeams, values: Float64Array) -> dict[str, Any]:
     """Figures of all beams, and of those that did and did not return or that leave the map."""
     return {
         **_figure(beams, values),

@@ -1,7 +1,12 @@
 """Settings: what may be set (`mapping`, `sampling`, `priors`), and how (`settings`)."""
 
 from ogm_mcmc.config.adaptive import AdaptiveConfig
-from ogm_mcmc.config.evaluation import EvaluationConfig, ExpectedScanConfig, HeldOutConfig
+from ogm_mcmc.config.evaluation import (
+    EvaluationConfig,
+    ExpectedScanConfig,
+    HeldOutConfig,
+    HeldOutPointsConfig,
+)
 from ogm_mcmc.config.mapping import (
     CountingConfig,
     GaussianModelConfig,
@@ -48,6 +53,7 @@ __all__ = [
     'EvaluationConfig',
     'ExpectedScanConfig',
     'HeldOutConfig',
+    'HeldOutPointsConfig',
     'GaussianModelConfig',
     'AdaptiveConfig',
     'MapperConfig',

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from ogm_mcmc.config.settings import check_bounds, setting
 
-__all__ = ['EvaluationConfig', 'ExpectedScanConfig', 'HeldOutConfig']
+__all__ = ['EvaluationConfig', 'ExpectedScanConfig', 'HeldOutConfig', 'HeldOutPointsConfig']
 
 
 @dataclass(frozen=True)
@@ -56,6 +56,19 @@ class HeldOutConfig:
         'beams that end outside of the map: unknown: the cells out there are as those never '
         'measured; exclude: such beams do not count',
         choices=('unknown', 'exclude'),
+    )
+
+    def __post_init__(self) -> None:
+        """Refuse what is out of bounds."""
+        check_bounds(self)
+
+
+@dataclass(frozen=True)
+class HeldOutPointsConfig:
+    """Which points of held-out beams judge a map."""
+
+    point_step: float = setting(
+        0.5, 'a free point every so many m along a beam', low=0.001, high=1000.0
     )
 
     def __post_init__(self) -> None:

@@ -13,7 +13,8 @@ Three questions, three kinds of answers:
 Everything takes plain arrays or a `GridMap`; unknown cells are nan, and the caller says what
 they stand for. Counts and bins of several maps add up (`pooled`). `compare` computes all figures
 of a map and its truth at once; `first_hits` is the one place where beams meet probabilities;
-`held_out` says which beams of a recording judge a map.
+`held_out` says which beams of a recording judge a map, `held_out_points` takes points along them
+for a truth.
 """
 
 from ogm_mcmc.evaluation.beam_likelihood import (
@@ -41,6 +42,13 @@ from ogm_mcmc.evaluation.held_out import (
     ratio_of_sums,
     without_beams_that_leave,
 )
+from ogm_mcmc.evaluation.held_out_points import (
+    HeldOutPoints,
+    PointScores,
+    held_out_points,
+    probability_at,
+    score_points,
+)
 from ogm_mcmc.evaluation.information import expected_information_gain
 from ogm_mcmc.evaluation.masks import MASKS, cells_that_count, near
 
@@ -52,7 +60,9 @@ __all__ = [
     'Divergence',
     'FirstHits',
     'HeldOutBeams',
+    'HeldOutPoints',
     'LogDensity',
+    'PointScores',
     'Ratio',
     'Reliability',
     'SampleBits',
@@ -71,11 +81,14 @@ __all__ = [
     'expected_information_gain',
     'first_hits',
     'held_out_beams',
+    'held_out_points',
     'log_likelihood_of_samples',
     'near',
     'occupied_distance_error',
+    'probability_at',
     'ratio_of_sums',
     'reliability',
+    'score_points',
     'total_divergence',
     'without_beams_that_leave',
 ]

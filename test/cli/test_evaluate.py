@@ -371,3 +371,27 @@ def test_a_mistake_is_one_line_and_leaves_nothing(
     assert len(lines) == 1
     assert reason in lines[0]
     assert sorted(path for path in maps.rglob('*') if path.is_file()) == before
+
+
+def test_points_by_hand(judged):
+    """Free at 0.04, 0.12 (and 0.2) m along beams; ends at 0.2 and 0.05 m; outside is unknown."""
+    result = judged('--points', '--point-step', '0.08')
+    of = result['points']
+    # Ahead: 0.2 m long, none in 0.3 m, 0.05 m; behind: 0.2 m, out of the map.
+    free = [0.1, 0.2, 0.1, 0.2, 0.9, 0.1, 0.3]
+    ends = [0.9, 0.2, 0.3]
+    assert (of['points'], of['occupied_points']) == (len(free) + len(ends), len(ends))
+    losses = np.concatenate((-np.log1p(-np.array(free)), -np.log(ends)))
+    brier = np.concatenate((np.square(free), np.square(1 - np.array(ends))))
+    assert of['log_loss']['value'] == pytest.approx(losses.mean(), rel=1e-5)
+    assert of['brier_score']['value'] == pytest.approx(brier.mean(), rel=1e-5)
+    above = np.mean([[(e > f) + 0.5 * (e == f) for f in free] for e in ends])
+    assert of['roc_area'] == pytest.approx(above)
+    assert result['settings']['point_step'] == 0.08
+    assert 'points' not in judged()
+
+
+def test_points_want_beams(run_cli, maps):
+    done = run_cli('evaluate', 'map.npz', '--truth', 'truth.yaml', '--points')
+    assert done.returncode == 2
+    assert done.stderr.strip().endswith('--points: expected --beams BAG, whose beams they lie on')
