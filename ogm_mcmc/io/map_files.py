@@ -26,6 +26,7 @@ from ogm_mcmc.files.output_files import checked_name, replacing, replacing_set
 from ogm_mcmc.files.pictures import probability_image
 from ogm_mcmc.geometry import GridMap, GridSpec
 from ogm_mcmc.geometry.grid_map import trinary_values
+from ogm_mcmc.io.map_arrays import ARRAY_SUFFIXES, load_array_map
 from ogm_mcmc.io.map_images import (
     LEAST_YAW,
     MOST_CELLS,
@@ -137,7 +138,7 @@ def write_tables(
 
 
 def load_grid(path: Path, most_cells: int = MOST_CELLS) -> GridMap:
-    """Read a map by its suffix: NPZ with probabilities, or map YAML. Raises MapFileError.
+    """Read a map by its suffix: NPZ, NPY, MAT, or map YAML. Raises MapFileError.
 
     A map of more than `most_cells` cells is refused before it takes memory.
     """
@@ -145,7 +146,11 @@ def load_grid(path: Path, most_cells: int = MOST_CELLS) -> GridMap:
         return load_npz(path, most_cells)
     if path.suffix in ('.yaml', '.yml'):
         return load_map(path, most_cells)
-    raise MapFileError(f'{path}: expected a map YAML (.yaml) or probabilities (.npz)')
+    if path.suffix in ARRAY_SUFFIXES:
+        return load_array_map(path, most_cells)
+    raise MapFileError(
+        f'{path}: expected a map YAML (.yaml), probabilities (.npz) or an array (.npy, .mat)'
+    )
 
 
 def load_npz(path: Path, most_cells: int = MOST_CELLS) -> GridMap:

@@ -36,6 +36,8 @@ __all__ = [
     'load_map',
     'probability_of_greys',
     'turned',
+    'yaml_number',
+    'yaml_origin',
 ]
 
 # What the reader needs to tell the three greys of `trinary` apart, nav2's own values.
@@ -74,8 +76,8 @@ def load_map(path: Path, most_cells: int = MOST_CELLS) -> GridMap:
     if not isinstance(fields, dict) or any(key not in fields for key in NEEDED):
         raise MapFileError(f'{path}: expected a map YAML with {", ".join(NEEDED)}')
     try:
-        resolution = _number(fields, 'resolution')
-        x, y = _origin(path, fields['origin'])
+        resolution = yaml_number(fields, 'resolution')
+        x, y = yaml_origin(path, fields['origin'])
         meaning = _meaning(fields)
         GridSpec(resolution, 1, 1, anchor_x_m=x, anchor_y_m=y)  # before the image is read
     except MapFileError:
@@ -132,13 +134,14 @@ def _meaning(fields: dict[str, Any]) -> _Meaning:
     mode = str(fields.get('mode', 'trinary')).lower()
     if mode not in MODES:
         raise ValueError(f'mode is {fields["mode"]!r}: expected one of {", ".join(MODES)}')
-    free, occupied = _number(fields, 'free_thresh'), _number(fields, 'occupied_thresh')
+    free, occupied = yaml_number(fields, 'free_thresh'), yaml_number(fields, 'occupied_thresh')
     if not free < occupied:
         raise ValueError(f'free_thresh {free}, occupied_thresh {occupied}: expected one below')
     return _Meaning(mode, _flag(fields['negate']), occupied, free)
 
 
-def _number(fields: dict[str, Any], name: str) -> float:
+def yaml_number(fields: dict[str, Any], name: str) -> float:
+    """Return a field that is text as a number. Raises ValueError, naming it."""
     return _as_number(fields[name], name)
 
 
@@ -160,7 +163,8 @@ def _flag(value: Any) -> bool:
     return int(text) != 0
 
 
-def _origin(path: Path, value: Any) -> tuple[float, float]:
+def yaml_origin(path: Path, value: Any) -> tuple[float, float]:
+    """Return x and y of an origin of text. Raises ValueError, MapFileError where it is turned."""
     if not isinstance(value, list) or len(value) != 3:
         raise ValueError(f'origin is {value!r:.80}: expected x, y and yaw')
     x, y, yaw = (_as_number(item, 'origin') for item in value)
