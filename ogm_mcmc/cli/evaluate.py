@@ -1,9 +1,9 @@
 """`evaluate MAP`: a map before its judges, as a table, JSON and a page of pictures.
 
 `--truth MAP` is the true map; `--beams BAG` are scans the map has not seen; `--pose X,Y,YAW` asks
-what a scan from there would tell; `--true-trajectory` and `--relations` judge poses. MAP is a map
-YAML or, better, the NPZ that `map` or `sample` writes: the image of a YAML knows no probabilities
-between 0 and 1.
+what a scan from there would tell; `--path FILE` how likely a way is blocked; `--true-trajectory`
+and `--relations` judge poses. MAP is a map YAML or, better, the NPZ that `map` or `sample`
+writes: the image of a YAML knows no probabilities between 0 and 1.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import numpy as np
 
 from ogm_mcmc.cli.evaluate_answer import Answer, make_page
 from ogm_mcmc.cli.evaluate_beams import by_beams
+from ogm_mcmc.cli.evaluate_path import along_path
 from ogm_mcmc.cli.evaluate_points import by_points
 from ogm_mcmc.cli.evaluate_pose import from_pose, pose_inside, read_pose
 from ogm_mcmc.cli.evaluate_trajectory import (
@@ -38,6 +39,7 @@ from ogm_mcmc.cli.options import (
 )
 from ogm_mcmc.cli.sample import SHORT
 from ogm_mcmc.config import (
+    CollisionConfig,
     EvaluationConfig,
     ExpectedScanConfig,
     HeldOutConfig,
@@ -92,6 +94,11 @@ def add_to(subparsers: Subparsers) -> None:
         help='entropy, and what a scan from there is expected to tell (m, m, rad; --pose=-1,2,0 '
         'where X is negative)',
     )  # fmt: skip
+    asked.add_argument(
+        '--path', type=Path, metavar='FILE',
+        help='how likely a way is blocked, by the maps of --samples: lines x,y or poses as TUM or '
+        'EuRoC; cells never sampled count together with the probability --unknown',
+    )  # fmt: skip
     add_trajectory_judges(parser)
     parser.add_argument(
         '-o', dest='folder', type=Path, default=Path('out/evaluate'), metavar='DIR'
@@ -100,10 +107,12 @@ def add_to(subparsers: Subparsers) -> None:
     add_arguments(parser.add_argument_group('what counts'), EvaluationConfig)
     beams = parser.add_argument_group('held-out beams (--beams)')
     add_arguments(beams, HeldOutConfig)
-    beams.add_argument(
+    parser.add_argument(
         '--samples', type=Path, metavar='FILE',
-        help='judge the mixture of the maps that `sample --samples` wrote, too',
+        help='maps that `sample --samples` wrote: --beams judges their mixture, too, and --path '
+        'is asked of them',
     )  # fmt: skip
+    add_arguments(parser.add_argument_group('who goes the way (--path)'), CollisionConfig)
     beams.add_argument(
         '--points', action='store_true',
         help='judge by points of the beams, too: free along them, occupied where they returned',
@@ -122,16 +131,16 @@ def add_to(subparsers: Subparsers) -> None:
 def run(options: argparse.Namespace) -> int:
     """Run the command."""
     of_map = any(judge is not None for judge in (options.truth, options.bag, options.pose))
-    if not of_map and not asks_for_poses(options) and options.estimate is None:
+    others = (options.estimate, options.path)
+    if not of_map and not asks_for_poses(options) and others == (None, None):
         raise ConfigError(
             f'{options.map or "no map"}: expected at least one of --truth MAP, --beams BAG, '
-            '--pose X,Y,YAW, --true-trajectory FILE, --relations FILE'
+            '--pose X,Y,YAW, --path FILE, --true-trajectory FILE, --relations FILE'
         )
     if of_map and options.map is None:
         raise ConfigError('no map: expected MAP, which --truth, --beams and --pose judge')
     check_trajectory_options(options)
-    if options.samples is not None and options.bag is None:
-        raise ConfigError(f'--samples {options.samples}: expected --beams BAG to judge them by')
+    _check_samples(options)
     if options.points and options.bag is None:
         raise ConfigError('--points: expected --beams BAG, whose beams they lie on')
     config = build(EvaluationConfig, given(options, EvaluationConfig))
@@ -143,6 +152,9 @@ def run(options: argparse.Namespace) -> int:
     if of_map:
         grid_map = load_grid(options.map, options.max_cells)
         answers.update(_answers(options, grid_map, config))
+    if options.path is not None:
+        who = build(CollisionConfig, given(options, CollisionConfig))
+        answers['path'] = along_path(options, who, config.unknown)
     paths = _paths(options)
     named = {name: answer.figures for name, answer in answers.items() if name != 'truth'}
     against = answers['truth'].figures if 'truth' in answers else {}
@@ -158,7 +170,7 @@ def run(options: argparse.Namespace) -> int:
             'files': {kind: str(path) for kind, path in paths.items()},
         }
     )
-    judged = options.map if options.map is not None else options.estimate
+    judged = next(one for one in (options.map, options.estimate, options.path) if one is not None)
     title = judged.name + (f' against {options.truth.name}' if options.truth else '')
     page = make_page(title, list(answers.values()), settings)
     with replacing(paths['json']) as json_file, replacing(paths['html']) as html_file:
@@ -168,6 +180,16 @@ def run(options: argparse.Namespace) -> int:
     lines = [f'{name:<28} {value}' for name, value in rows]
     print_result(options, result, '\n'.join([*lines, str(paths['html'])]))
     return 0
+
+
+def _check_samples(options: argparse.Namespace) -> None:
+    """Refuse samples without a question, and a question without samples."""
+    if options.samples is not None and options.bag is None and options.path is None:
+        raise ConfigError(
+            f'--samples {options.samples}: expected --beams BAG to judge them by, or --path FILE'
+        )
+    if options.path is not None and options.samples is None:
+        raise ConfigError(f'--path {options.path}: expected --samples FILE, the maps to ask')
 
 
 def _answers(

@@ -2,6 +2,7 @@
 
 from ogm_mcmc.config.adaptive import AdaptiveConfig
 from ogm_mcmc.config.evaluation import (
+    CollisionConfig,
     EvaluationConfig,
     ExpectedScanConfig,
     HeldOutConfig,
@@ -46,6 +47,7 @@ from ogm_mcmc.config.trajectory import PosesConfig, TrajectoryConfig
 
 __all__ = [
     'ChainConfig',
+    'CollisionConfig',
     'ForwardModelConfig',
     'KeepConfig',
     'LearningConfig',

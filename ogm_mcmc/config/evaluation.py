@@ -6,7 +6,13 @@ from dataclasses import dataclass
 
 from ogm_mcmc.config.settings import check_bounds, setting
 
-__all__ = ['EvaluationConfig', 'ExpectedScanConfig', 'HeldOutConfig', 'HeldOutPointsConfig']
+__all__ = [
+    'CollisionConfig',
+    'EvaluationConfig',
+    'ExpectedScanConfig',
+    'HeldOutConfig',
+    'HeldOutPointsConfig',
+]
 
 
 @dataclass(frozen=True)
@@ -84,6 +90,23 @@ class ExpectedScanConfig:
     lidar_range_max: float = setting(12.0, 'how far they reach, m', low=0.01, high=1000.0)
     lidar_field_of_view: float = setting(
         360.0, 'angle from first to last, around straight ahead, degrees', low=0.01, high=360.0
+    )
+
+    def __post_init__(self) -> None:
+        """Refuse what is out of bounds."""
+        check_bounds(self)
+
+
+@dataclass(frozen=True)
+class CollisionConfig:
+    """Who goes a way that is asked about."""
+
+    robot_radius: float = setting(
+        0.22,
+        'collisions are those of a disc of this radius around the pose, m',
+        low=0.0,
+        high=100.0,
+        live=True,
     )
 
     def __post_init__(self) -> None:

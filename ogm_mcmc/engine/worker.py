@@ -19,9 +19,11 @@ from typing import NamedTuple
 
 from ogm_mcmc.config import PosesConfig, SamplerConfig, StopConfig
 from ogm_mcmc.engine.joint_poses import PoseRefinement, RefinedTrajectory
+from ogm_mcmc.engine.kept_samples import MOST_SAMPLES, KeptSamples
 from ogm_mcmc.engine.refinement import Progress, Refinement
 from ogm_mcmc.engine.sensor_fit import SensorNumbers
 from ogm_mcmc.errors import OgmError, WindowError
+from ogm_mcmc.evaluation import SampleBits
 from ogm_mcmc.geometry import GridMap, PlacedScan
 from ogm_mcmc.trajectory import TrajectoryProgress
 
@@ -40,7 +42,8 @@ class RefinedMap(NamedTuple):
     """A posterior mean as it was handed over, nan where data says nothing; `number` rises by one.
 
     It is the mean of `draws` maps of all chains; a cell of which nothing is known has `prior`.
-    `trajectory` are the poses it was sampled at, where they are estimated.
+    `trajectory` are the poses it was sampled at, where they are estimated; `samples` some of the
+    maps, None while no sweep counts.
     """
 
     number: int
@@ -51,6 +54,7 @@ class RefinedMap(NamedTuple):
     stamp_ns: int
     final: bool
     trajectory: RefinedTrajectory | None = None
+    samples: SampleBits | None = None
 
 
 class WorkerStatus(NamedTuple):
@@ -112,6 +116,7 @@ class RefineWorker:
         map_every_s: float = 1.0,
         state_file: Path | None = None,
         niceness: int = 0,
+        samples: int = MOST_SAMPLES,
         log: Callable[[str], object] = lambda text: None,
     ) -> None:
         self.config = config
@@ -123,6 +128,7 @@ class RefineWorker:
         self.result: RefinedMap | None = None
         self.failure: BaseException | None = None
         self._refinement = Refinement(config)
+        self._kept = KeptSamples(samples)
         self._poses = _Poses(PosesConfig() if poses is None else poses)
         self._handed_over = 0
         self._changed = threading.Condition()  # of a re-entrant lock
@@ -257,6 +263,8 @@ class RefineWorker:
         next_map_at = time.monotonic()
         for progress in refinement.run(stop, lambda: bool(self._cancel)):
             self.status = self.status._replace(progress=progress)
+            if progress.counted > 0:
+                self._kept.add(refinement.sampler)
             if progress.reason:
                 break
             if self._save:
@@ -302,7 +310,10 @@ class RefineWorker:
     def _hand_over(self, order: _Order, progress: Progress, *, final: bool) -> None:
         if progress.counted == 0 and self.result is not None:
             return  # a map from before is better than the first sweeps of new chains
-        grid_map = self._refinement.known_map()
+        refinement = self._refinement
+        grid_map = refinement.known_map()
+        assert refinement.sampler is not None
+        samples = self._kept.bits(refinement.sampler, refinement.window.spec)
         with self._changed:
             if self._forget:
                 return
@@ -316,6 +327,7 @@ class RefineWorker:
                 order.scans[-1].scan.stamp_ns,
                 final,
                 self._poses.trajectory,
+                samples,
             )
 
     def _write_state(self) -> None:

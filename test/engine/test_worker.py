@@ -97,6 +97,13 @@ def test_the_last_map_is_what_the_core_samples(make):
         result.grid_map.probability, core.known_map().probability, equal_nan=True
     )
     assert worker.status.progress.sweeps == 40
+    samples = result.samples
+    assert 1 <= samples.draws <= 64
+    assert samples.spec == core.window.spec
+    assert np.array_equal(np.flatnonzero(samples.known), np.sort(core.sampler.model.touched))
+    last = core.sampler.states[0].cells.reshape(samples.known.shape)  # of the last round
+    bits = [samples.words[:, :, 0] >> np.uint64(s) & np.uint64(1) for s in range(64)]
+    assert any(np.array_equal(cells, last * samples.known) for cells in bits)
     assert (worker.status.scans, worker.status.rays) == (6, 144)
     assert worker.status.n_bytes > worker.status.rays * 15
 

@@ -1,0 +1,60 @@
+"""`evaluate --path`: a way asked of saved samples, and the mistakes it names."""
+
+import json
+
+import numpy as np
+import pytest
+from support.commands import command
+
+from ogm_mcmc.geometry import GridSpec, Pose2D
+from ogm_mcmc.io.sample_files import MapSamples, save_samples
+from ogm_mcmc.io.trajectory_files import write_tum
+
+WAY = [(0.15, 0.15), (0.45, 0.15), (0.85, 0.15)]
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """Four maps of 3 x 7 cells of 0.1 m; one has a door in its column 3; the last is unknown."""
+    monkeypatch.chdir(tmp_path)
+    maps = np.zeros((4, 3, 7), np.uint8)
+    maps[1, :, 3] = 1
+    save_samples(MapSamples(GridSpec(0.1, 7, 3), maps, np.ones((3, 7), bool)),
+                 tmp_path / 's.npz', 1, {})  # fmt: skip
+    (tmp_path / 'way.csv').write_text('x,y\n' + ''.join(f'{x},{y}\n' for x, y in WAY))
+    write_tum(tmp_path / 'way.txt', [1, 2, 3], [Pose2D(x, y, 0.3) for x, y in WAY])
+    return tmp_path
+
+
+@pytest.mark.parametrize('file', ['way.csv', 'way.txt'])
+def test_answers(folder, capsys, file):
+    code, out, err = command(
+        capsys, 'evaluate', '--path', file, '--samples', 's.npz', '--robot-radius', '0.06',
+        '--unknown', '0.2', '--json',
+    )  # fmt: skip
+    assert code == 0, err
+    found = json.loads(out)['path']
+    # The second place is 5 cm from the door, the third off the map, the way goes past both.
+    assert found['risk'] == pytest.approx([0.0, 0.25, 0.2])
+    assert found['whole_way'] == pytest.approx(0.25 + 0.75 * 0.2)
+    assert (found['places'], found['samples']['maps']) == (3, 4)
+    assert 'Way' in (folder / 'out' / 'evaluate' / 'evaluation.html').read_text()
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'said'),
+    [
+        (['--path', 'way.csv'], '--path way.csv: expected --samples FILE'),
+        (['--samples', 's.npz'], 'expected at least one of'),
+        (['--path', 'none.csv', '--samples', 's.npz'], 'none.csv: expected lines x,y'),
+        (['--path', 'bad.csv', '--samples', 's.npz'], 'bad.csv: line 2: 1, nan'),
+        (['--path', 'way.csv', '--samples', 'way.txt'], 'way.txt: expected an NPZ with map'),
+        (['--path', 'way.csv', '--samples', 's.npz', '--robot-radius', '-1'], 'robot_radius'),
+    ],
+)
+def test_mistakes_are_named_in_a_line(folder, capsys, arguments, said):
+    (folder / 'bad.csv').write_text('0.1,0.1\n1,nan\n')
+    code, _, err = command(capsys, 'evaluate', *arguments)
+    assert code == 2
+    assert said in err
+    assert 'Traceback' not in err
