@@ -8,6 +8,7 @@ from typing import Any
 
 from ogm_mcmc.config import (
     ChainConfig,
+    CollisionConfig,
     MapperConfig,
     OutputConfig,
     PatchConfig,
@@ -194,6 +195,12 @@ class RefineServerConfig:
     niceness: int = setting(
         5, 'nice value of the sampling threads: 0: normal priority, 19: lowest', low=0, high=19
     )
+    collision_samples: int = setting(
+        64,
+        'map samples kept to answer collision_query; 0: none, and no memory for them',
+        low=0,
+        high=64,
+    )
     state_file: str = setting(
         '',
         'file for the state of the chains, written by ~/save_map and at the end of sampling; '
@@ -232,6 +239,7 @@ REFINE_CONFIGS = (
     PlacingConfig,
     IntakeConfig,
     RefineServerConfig,
+    CollisionConfig,
     ManagedConfig,
 )
 

@@ -31,6 +31,7 @@ __all__ = [
     'frame_of',
     'read_particles',
     'read_path',
+    'read_places',
     'read_pose',
     'read_range',
     'read_scan',
@@ -158,6 +159,16 @@ def read_path(msg: Any) -> tuple[Int64Array, Float64Array]:
     order = np.argsort(stamps)
     poses = np.array([(pose.x_m, pose.y_m, pose.yaw_rad) for pose in planar])
     return stamps[order], poses[order]
+
+
+def read_places(msg: Any) -> Float64Array:
+    """Read x, y (N, 2), m, of a nav_msgs/Path to be gone; stamps and turns are left alone.
+
+    Raises PoseError without poses, and for one that is not finite or too far.
+    """
+    if not msg.poses:
+        raise PoseError('no pose in it: expected at least one')
+    return np.array([_checked_place(posed.pose.position, ('x', 'y')) for posed in msg.poses])
 
 
 def _planar(pose: Any) -> Pose2D:

@@ -2,7 +2,7 @@
 
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-__all__ = ['LATCHED', 'LATEST', 'POSES', 'SENSOR', 'TF', 'TF_STATIC', 'best_effort']
+__all__ = ['LATCHED', 'LATEST', 'POSES', 'QUESTIONS', 'SENSOR', 'TF', 'TF_STATIC', 'best_effort']
 
 
 def best_effort(depth: int) -> QoSProfile:
@@ -18,6 +18,9 @@ POSES = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
 
 # Only the newest counts, as of corrected trajectories.
 LATEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
+
+# Each has its answer.
+QUESTIONS = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 
 # As tf2 has them.
 TF = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)

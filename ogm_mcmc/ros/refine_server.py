@@ -11,6 +11,7 @@ from nav_msgs.srv import GetMap
 from std_srvs.srv import Trigger
 
 from ogm_mcmc.config import (
+    CollisionConfig,
     OutputConfig,
     PlacingConfig,
     PosesConfig,
@@ -38,6 +39,7 @@ from ogm_mcmc.files.user_paths import user_path
 from ogm_mcmc.geometry import GridMap, PlacedScan
 from ogm_mcmc.io.map_files import save_map
 from ogm_mcmc.io.tum_files import write_beliefs
+from ogm_mcmc.ros.collision_answers import CollisionAnswers, warm_up_collisions
 from ogm_mcmc.ros.diagnostics import DIAGNOSTICS_S, Diagnostics
 from ogm_mcmc.ros.intake_health import WELL
 from ogm_mcmc.ros.managed_node import ManagedNode
@@ -92,12 +94,14 @@ class RefineServer(ManagedNode):
         self._outdated = False  # scans in the window moved since sampling began
         self._corrected_at = -CORRECTING_S
         self.corrected: TrajectoryIntake | None = None
+        self.collisions: CollisionAnswers | None = None
         self.worker = RefineWorker(
             self.sampler,
             self.poses,
             map_every_s=self.settings.map_update_interval,
             state_file=self._state_file(),
             niceness=self.settings.niceness,
+            samples=self.settings.collision_samples,
             log=self.get_logger().info,
         )
         self.maps = RefinedMaps(self, self.intake.settings.map_frame, self.output, self.shown)
@@ -113,8 +117,9 @@ class RefineServer(ManagedNode):
         self.every(DIAGNOSTICS_S, self.publish_diagnostics)
 
     def warm_up(self) -> None:
-        """Compile what sampling needs."""
+        """Compile what sampling and answers need."""
         warm_up(self.sampler)
+        warm_up_collisions()
         if self.poses.joint:
             warm_up_poses()
 
@@ -122,6 +127,13 @@ class RefineServer(ManagedNode):
         """Subscribe and record, and publish from now on."""
         self.intake.subscribe()
         self.corrected = TrajectoryIntake(self, self.intake, self.correct)
+        self.collisions = CollisionAnswers(
+            self,
+            self.intake.problems,
+            self.intake.settings.map_frame,
+            lambda: self.worker.result,
+            lambda: self.robot_radius,
+        )
         self.every(HOUSEKEEPING_S, self.on_housekeeping)
 
     def end(self) -> None:
@@ -138,6 +150,7 @@ class RefineServer(ManagedNode):
         self.settings = self.parameters.read(RefineServerConfig)
         self.stop = self.parameters.read(StopConfig)
         self.output = self.parameters.read(OutputConfig)
+        self.robot_radius = self.parameters.read(CollisionConfig).robot_radius
         self.unknown_margin = self.parameters.read(ShownConfig).unknown_margin
 
     def _state_file(self) -> Path | None:
@@ -216,6 +229,7 @@ class RefineServer(ManagedNode):
             'stopped because': status.stopped,
             'last error': status.error,
             'maps published': self.maps.map.topic.sent,
+            'collision queries answered': self.collisions.answered if self.collisions else 0,
             **self.intake.problems.values(),
         }
         new_error = status.error != self._reported_error
