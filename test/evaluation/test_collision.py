@@ -7,7 +7,7 @@ import pytest
 from support.naive_collision import risk_by_cells
 
 from ogm_mcmc.errors import ConfigError, PoseError
-from ogm_mcmc.evaluation import SampleBits, collision_risk
+from ogm_mcmc.evaluation import SampleBits, collision_risk, reliability
 from ogm_mcmc.geometry import GridSpec
 
 SPEC = GridSpec(1.0, 7, 3)
@@ -41,6 +41,41 @@ def test_a_wall_is_one_chance_and_the_product_of_its_cells_is_not():
     assert collision_risk(samples, way, 0.3, 0.5)[-1] == 0.5
     cells = samples.words[:, 3, 0]
     assert 1.0 - np.prod(np.where(cells == 2, 0.5, 1.0)) == 0.875
+
+
+def test_calibrated_on_simulated_truth_where_the_product_of_cells_is_not():
+    """A wall right across a corridor, measured with an error of two cells.
+
+    The posterior of its column is known exactly, so that the samples are the posterior's own.
+    """
+    rng = np.random.default_rng(3)
+    spec, columns = GridSpec(1.0, 30, 5), np.arange(30)
+    known, answers = np.ones((5, 30), bool), []
+    for _ in range(3000):
+        wall = rng.integers(30)
+        reading = wall + rng.normal(0.0, 2.0)
+        posterior = np.exp(-0.125 * (columns - reading) ** 2)
+        posterior /= posterior.sum()
+        drawn = rng.choice(30, 64, p=posterior)
+        row = np.zeros(30, np.uint64)
+        np.bitwise_or.at(row, drawn, np.uint64(1) << np.arange(64, dtype=np.uint64))
+        samples = SampleBits(spec, np.tile(row, (5, 1))[:, :, None], known, 64)
+        end = np.clip(reading + rng.uniform(-4.0, 4.0), 0.0, 30.0)
+        risk = collision_risk(samples, [(0.0, 2.5), (end, 2.5)], 1.3, 0.0)[-1]
+        # Rows 1 to 3 are met; in the middle one as far as the disc reaches, beside less far.
+        there = np.zeros((5, 30), bool)
+        for j, gap in ((1, 0.5), (2, 0.0), (3, 0.5)):
+            there[j] = columns <= end + np.sqrt(1.3**2 - gap**2)
+        product = 1.0 - np.prod((1.0 - np.tile(posterior, (5, 1)))[there])
+        answers.append((risk, product, there[:, wall].any()))
+    risk, product, blocked = np.array(answers).T
+    error = {
+        name: reliability(values, blocked > 0.5).expected_error()
+        for name, values in (('samples', risk), ('product', product))
+    }
+    print(error)
+    assert error['samples'] <= 0.03
+    assert error['product'] > 0.1
 
 
 def test_all_that_is_unknown_is_one_chance():
