@@ -3,24 +3,29 @@
 `--truth MAP` is the true map; `--beams BAG` are scans the map has not seen; `--pose X,Y,YAW` asks
 what a scan from there would tell; `--path FILE` how likely a way is blocked; `--true-trajectory`
 and `--relations` judge poses. MAP is a map YAML or, better, the NPZ that `map` or `sample`
-writes: the image of a YAML knows no probabilities between 0 and 1.
+writes: the image of a YAML knows no probabilities between 0 and 1. Several maps,
+`NAME=MAP NAME=MAP`, are compared side by side.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from ogm_mcmc.cli.evaluate_answer import Answer, make_page
+from ogm_mcmc.cli.evaluate_answer import (
+    Answer,
+    make_page,
+    output_paths,
+    write_answer,
+)
 from ogm_mcmc.cli.evaluate_beams import by_beams
 from ogm_mcmc.cli.evaluate_path import along_path
 from ogm_mcmc.cli.evaluate_points import by_points
 from ogm_mcmc.cli.evaluate_pose import from_pose, pose_inside, read_pose
+from ogm_mcmc.cli.evaluate_several import named_maps
+from ogm_mcmc.cli.evaluate_side_by_side import run_several
 from ogm_mcmc.cli.evaluate_trajectory import (
     add_trajectory_judges,
     asks_for_poses,
@@ -54,12 +59,7 @@ from ogm_mcmc.config import (
 )
 from ogm_mcmc.config.nodes import REFINE_CONFIGS
 from ogm_mcmc.errors import ConfigError
-from ogm_mcmc.files.output_files import (
-    checked_name,
-    refuse_folder,
-    replacing,
-    writable_folder,
-)
+from ogm_mcmc.files.output_files import checked_name
 from ogm_mcmc.geometry import GridMap
 from ogm_mcmc.io.map_files import load_grid
 from ogm_mcmc.plotting import require_matplotlib
@@ -81,8 +81,10 @@ def add_to(subparsers: Subparsers) -> None:
         'evaluate', help='judge a map by the true one, by beams it has not seen, or by itself'
     )
     parser.add_argument(
-        'map', type=Path, nargs='?', help='NPZ with probabilities, or map YAML; not for --estimate'
-    )
+        'maps', nargs='*', metavar='[NAME=]MAP',
+        help='NPZ with probabilities, map YAML, or NPY or MAT with a YAML beside it; several are '
+        'compared; none for --estimate',
+    )  # fmt: skip
     asked = parser.add_argument_group('judges, at least one')
     asked.add_argument('--truth', type=Path, metavar='MAP', help='the true map, a file likewise')
     asked.add_argument(
@@ -130,6 +132,8 @@ def add_to(subparsers: Subparsers) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run the command."""
+    files = named_maps(options.maps)
+    options.map = next(iter(files.values()), None)
     of_map = any(judge is not None for judge in (options.truth, options.bag, options.pose))
     others = (options.estimate, options.path)
     if not of_map and not asks_for_poses(options) and others == (None, None):
@@ -146,6 +150,8 @@ def run(options: argparse.Namespace) -> int:
     config = build(EvaluationConfig, given(options, EvaluationConfig))
     checked_name(options.name)
     require_matplotlib()
+    if len(files) > 1:
+        return run_several(options, files, config)
     answers: dict[str, Answer] = {}
     if asks_for_poses(options):
         answers['poses'] = by_trajectory(options)
@@ -155,27 +161,23 @@ def run(options: argparse.Namespace) -> int:
     if options.path is not None:
         who = build(CollisionConfig, given(options, CollisionConfig))
         answers['path'] = along_path(options, who, config.unknown)
-    paths = _paths(options)
+    paths = output_paths(options)
     named = {name: answer.figures for name, answer in answers.items() if name != 'truth'}
     against = answers['truth'].figures if 'truth' in answers else {}
     settings: dict[str, Any] = flatten(config)
     for answer in answers.values():
         settings.update(answer.settings)
-    result = _finite(
-        {
-            'map': None if options.map is None else str(options.map),
-            **against,
-            **named,
-            'settings': settings,
-            'files': {kind: str(path) for kind, path in paths.items()},
-        }
-    )
+    result: dict[str, Any] = {
+        'map': None if options.map is None else str(options.map),
+        **against,
+        **named,
+        'settings': settings,
+        'files': {kind: str(path) for kind, path in paths.items()},
+    }
     judged = next(one for one in (options.map, options.estimate, options.path) if one is not None)
     title = judged.name + (f' against {options.truth.name}' if options.truth else '')
     page = make_page(title, list(answers.values()), settings)
-    with replacing(paths['json']) as json_file, replacing(paths['html']) as html_file:
-        json_file.write_text(json.dumps(result, indent=2) + '\n', encoding='utf-8')
-        html_file.write_text(page.html(), encoding='utf-8')
+    result = write_answer(paths, result, page)
     rows = [row for answer in answers.values() for row in answer.rows]
     lines = [f'{name:<28} {value}' for name, value in rows]
     print_result(options, result, '\n'.join([*lines, str(paths['html'])]))
@@ -205,7 +207,7 @@ def _answers(
     answers: dict[str, Answer] = {}
     if options.truth is not None:
         answers['truth'] = against_truth(grid_map, options.truth, config, options.max_cells)
-    _paths(options)  # what cannot be saved is better said before the work than after it
+    output_paths(options)  # what cannot be saved is better said before the work than after it
     if options.bag is not None:
         answers['beams'], beams = by_beams(
             options, grid_map, config.unknown, choice, placing, sampler
@@ -215,21 +217,3 @@ def _answers(
     if pose is not None:
         answers['pose'] = from_pose(grid_map, pose, config.unknown, expected, sampler.model)
     return answers
-
-
-def _paths(options: argparse.Namespace) -> dict[str, Path]:
-    """Return where the files go. Raises OutputError where they cannot."""
-    writable_folder(options.folder)
-    paths = {kind: options.folder / f'{options.name}.{kind}' for kind in ('html', 'json')}
-    for path in paths.values():
-        refuse_folder(path)
-    return paths
-
-
-def _finite(value: Any) -> Any:
-    """Replace what JSON has no number for (nan, inf) by None."""
-    if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
-    if isinstance(value, float) and not np.isfinite(value):
-        return None
-    return value

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import argparse
+import json
+from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+
+from ogm_mcmc.files.output_files import refuse_folder, replacing, writable_folder
 from ogm_mcmc.plotting import Page, Picture
 
-__all__ = ['Answer', 'make_page']
+__all__ = ['Answer', 'make_page', 'output_paths', 'write_answer']
 
 
 class Answer(NamedTuple):
@@ -29,3 +35,32 @@ def make_page(title: str, answers: list[Answer], settings: dict[str, Any]) -> Pa
     page.heading('Settings')
     page.table(('setting', 'value'), sorted(settings.items()))
     return page
+
+
+def output_paths(options: argparse.Namespace) -> dict[str, Path]:
+    """Return where the files go. Raises OutputError where they cannot."""
+    writable_folder(options.folder)
+    paths = {kind: options.folder / f'{options.name}.{kind}' for kind in ('html', 'json')}
+    for path in paths.values():
+        refuse_folder(path)
+    return paths
+
+
+def write_answer(paths: dict[str, Path], result: dict[str, Any], page: Page) -> dict[str, Any]:
+    """Write JSON and page; return the result as JSON can hold it."""
+    held: dict[str, Any] = _finite(result)
+    with replacing(paths['json']) as json_file, replacing(paths['html']) as html_file:
+        json_file.write_text(json.dumps(held, indent=2) + '\n', encoding='utf-8')
+        html_file.write_text(page.html(), encoding='utf-8')
+    return held
+
+
+def _finite(value: Any) -> Any:
+    """Replace what JSON has no number for (nan, inf) by None."""
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_finite(item) for item in value]
+    if isinstance(value, float) and not np.isfinite(value):
+        return None
+    return value

@@ -33,6 +33,7 @@ __all__ = [
     'LEAVING',
     'HeldOutBeams',
     'Ratio',
+    'cells_of_ends',
     'held_out_beams',
     'ratio_of_sums',
     'without_beams_that_leave',
@@ -147,6 +148,12 @@ def held_out_beams(
     return HeldOutBeams(
         used, np.concatenate(scans), np.concatenate(returned), np.concatenate(cells), left_out
     )
+
+
+def cells_of_ends(placed: Iterable[PlacedScan], spec: GridSpec) -> Int64Array:
+    """Return the cells of a grid (N,) that informative beams end in, as `HeldOutBeams.cell`."""
+    cells = [_end_cells(scan, belief.mean, spec)[scan.informative()] for scan, belief in placed]
+    return np.concatenate([np.empty(0, np.int64), *cells])
 
 
 def without_beams_that_leave(placed: Iterable[PlacedScan], spec: GridSpec) -> list[PlacedScan]:

@@ -315,7 +315,7 @@ def test_probabilities_come_back_from_a_file(maps):
         (['other.npz', '--truth', 'truth.yaml'], 'expected an NPZ with probability'),
         (['wild.npz', '--truth', 'truth.yaml'], 'expected values from 0 to 1'),
         (['flat.npz', '--truth', 'truth.yaml'], '(any, any)'),
-        (['notes.txt', '--truth', 'truth.yaml'], 'expected a map YAML (.yaml) or'),
+        (['notes.txt', '--truth', 'truth.yaml'], 'probabilities (.npz) or an array (.npy, .mat)'),
         (['map.npz', '--truth', 'coarse.yaml'], 'resolution of the map is 0.1 m'),
         (['map.npz', '--truth', 'truth.yaml', '--mask', 'some'], 'some'),
         (['map.npz', '--truth', 'truth.yaml', '--threshold', '2'], 'threshold is 2.0'),

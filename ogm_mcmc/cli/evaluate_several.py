@@ -1,0 +1,223 @@
+"""`evaluate NAME=MAP NAME=MAP ...`: several maps before the same judges, side by side."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections.abc import Mapping
+from itertools import combinations
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from tqdm import tqdm
+
+from ogm_mcmc.arrays import AnyArray
+from ogm_mcmc.cli.evaluate_beams import (
+    beam_figures,
+    beam_settings,
+    read_figures,
+    read_held_out,
+)
+from ogm_mcmc.cli.evaluate_points import judged_points, point_figures, reliability_png
+from ogm_mcmc.config import (
+    EvaluationConfig,
+    HeldOutConfig,
+    HeldOutPointsConfig,
+    PlacingConfig,
+    SamplerConfig,
+    flatten,
+)
+from ogm_mcmc.errors import ConfigError, GridError
+from ogm_mcmc.evaluation import beam_log_likelihood, compare, held_out_points
+from ogm_mcmc.evaluation.held_out import cells_of_ends
+from ogm_mcmc.files.user_paths import user_path
+from ogm_mcmc.geometry import GridMap, GridSpec
+from ogm_mcmc.io.map_files import load_grid
+from ogm_mcmc.plotting import Picture, kinds_png, probability_png
+from ogm_mcmc.sensors.forward_model import ForwardModel
+
+__all__ = ['Compared', 'compared_by_beams', 'compared_by_truth', 'map_pictures', 'named_maps']
+
+# Blocks on the longer side of a picture of who wins: single cells are hard to see.
+BLOCKS = 120
+# Of a difference: first by more than the step, by less, none, second by less, by more, no facts.
+WINS = ((8, 81, 156), (158, 202, 225), (235, 235, 235), (253, 174, 107), (166, 54, 3))
+NO_FACTS = (255, 255, 255)
+STEP = 0.5  # nats
+
+
+class Compared(NamedTuple):
+    """What a judge says of several maps.
+
+    `figures` and `columns` (header: text) by map, `common` what holds for all of them,
+    `differences` between two, sections and settings as in `Answer`.
+    """
+
+    figures: dict[str, dict[str, Any]]
+    columns: dict[str, dict[str, str]]
+    common: dict[str, Any]
+    differences: list[dict[str, Any]]
+    sections: list[tuple[str, list[Picture]]]
+    settings: dict[str, Any]
+
+
+def named_maps(arguments: list[str]) -> dict[str, Path]:
+    """Return maps by name: NAME=MAP, or MAP by the name of its file. Raises ConfigError."""
+    maps: dict[str, Path] = {}
+    for text in arguments:
+        name, equals, file = text.partition('=')
+        if not equals or os.path.exists(text):  # it knows what no path can be
+            path = user_path(text, 'map', ConfigError)
+            name = path.stem
+        else:
+            path = user_path(file, f'map {name}', ConfigError)
+        if not name.strip():
+            raise ConfigError(f'{text!r}: expected NAME=MAP or MAP')
+        if name in maps:
+            raise ConfigError(f'{text}: second map of name {name}: expected others, as NAME=MAP')
+        maps[name] = path
+    return maps
+
+
+def map_pictures(maps: Mapping[str, GridMap]) -> list[Picture]:
+    """Return every map as it is."""
+    return [
+        Picture(
+            probability_png(one.probability),
+            f'{name}: {one.spec.width} x {one.spec.height} cells of {one.spec.resolution_m:g} m',
+        )
+        for name, one in maps.items()
+    ]
+
+
+def compared_by_truth(
+    maps: Mapping[str, GridMap], path: Path, config: EvaluationConfig, most_cells: int
+) -> Compared:
+    """Compare every map with the true one, and where on it one of two is nearer to it."""
+    truth = load_grid(path, most_cells)
+    of, figures, columns = {}, {}, {}
+    for name, grid_map in maps.items():
+        try:
+            of[name] = compare(grid_map, truth, config)
+        except GridError as error:
+            raise GridError(f'{name}: {error}') from error
+        figures[name] = dict(of[name].figures)
+        figures[name].pop('settings')
+        columns[name] = {
+            'divergence, nats': f'{figures[name]["divergence_nats"]:.6g}',
+            'best F1': f'{figures[name]["best"]["f1"]:.4f}',
+            'area under ROC': f'{figures[name]["roc_area"]:.4f}',
+            'calibration error': f'{figures[name]["expected_calibration_error"]:.4f}',
+            'Brier': f'{figures[name]["brier_score"]:.4f}',
+        }
+    differences, pictures = [], []
+    for first, second in combinations(maps, 2):
+        gap = np.where(
+            of[first].counted & of[second].counted,
+            np.asarray(of[second].divergence, np.float64) - of[first].divergence,
+            np.nan,
+        )
+        differences.append(
+            {'map': first, 'against': second, 'nearer': float(np.nansum(gap)), **_won(gap)}
+        )
+        pictures.append(_wins(gap, first, second, 'divergence of a cell'))
+    curves = Picture(
+        reliability_png({name: one.reliability for name, one in of.items()}),
+        'Reliability of cells against the truth',
+    )
+    sections = [
+        ('The truth', [Picture(probability_png(truth.probability), str(path)), curves]),
+        ('Where one is nearer to the truth', pictures),
+    ]
+    return Compared(figures, columns, {'truth': str(path)}, differences, sections, flatten(config))
+
+
+def compared_by_beams(
+    options: argparse.Namespace,
+    maps: Mapping[str, GridMap],
+    config: EvaluationConfig,
+    choice: HeldOutConfig,
+    point_choice: HeldOutPointsConfig,
+    placing: PlacingConfig,
+    sampler: SamplerConfig,
+) -> Compared:
+    """Judge all maps by the same beams and the same points along them."""
+    model = ForwardModel.from_config(sampler.model)
+    specs = [one.spec for one in maps.values()]
+    bag, beams = read_held_out(options, specs, choice, placing, sampler.window)
+    points = held_out_points(beams, point_choice.point_step)
+    values, scores, figures, columns = {}, {}, {}, {}
+    for name, grid_map in maps.items():
+        with tqdm(beams.placed, unit=' scans', desc=f'judge {name}', disable=None) as bar:
+            values[name] = beam_log_likelihood(grid_map, bar, model, prior=config.unknown)
+        scores[name] = judged_points(grid_map, points, config)
+        own = beams._replace(cell=cells_of_ends(beams.placed, grid_map.spec))
+        figures[name] = {
+            **beam_figures(own, values[name]),
+            'points': point_figures(points, scores[name]),
+        }
+        mean = beams.mean(values[name])
+        columns[name] = {
+            'nats a beam': f'{mean.value:.4f} +- {mean.standard_error:.4f}',
+            'points: area under ROC': f'{scores[name].counts.roc_area():.4f}',
+            'points: log-loss': f'{scores[name].log_loss.value:.4f}',
+            'points: Brier': f'{scores[name].brier.value:.4f}',
+        }
+    blocks = _blocks(specs)
+    on_blocks = beams._replace(cell=cells_of_ends(beams.placed, blocks))
+    differences, pictures = [], []
+    for first, second in combinations(maps, 2):
+        gap = values[first] - values[second]
+        ratio = beams.mean(gap)
+        by_scan = beams.per_scan(gap)
+        differences.append({
+            'map': first,
+            'against': second,
+            'nats_per_beam': ratio.value,
+            'standard_error': ratio.standard_error,
+            'scans_won': int((by_scan > 0.0).sum()),
+            'scans_lost': int((by_scan < 0.0).sum()),
+        })  # fmt: skip
+        what = f'log-likelihood of the beams that ended in {blocks.resolution_m:.2g} m'
+        pictures.append(_wins(on_blocks.per_cell(gap, blocks), first, second, what))
+    curves = Picture(
+        reliability_png({name: one.reliability for name, one in scores.items()}),
+        'Reliability at points of held-out beams',
+    )
+    sections = [
+        ('Calibration at held-out points', [curves]),
+        ('Where one predicts held-out beams better', pictures),
+    ]
+    settings = {**beam_settings(choice, placing, sampler), **flatten(point_choice)}
+    common = read_figures(options, bag, beams)
+    return Compared(figures, columns, common, differences, sections, settings)
+
+
+def _blocks(specs: list[GridSpec]) -> GridSpec:
+    """Return a coarse grid over all maps."""
+    left = min(spec.origin_x_m for spec in specs)
+    bottom = min(spec.origin_y_m for spec in specs)
+    width = max(spec.origin_x_m + spec.width * spec.resolution_m for spec in specs) - left
+    height = max(spec.origin_y_m + spec.height * spec.resolution_m for spec in specs) - bottom
+    finest = max(spec.resolution_m for spec in specs)
+    side = max(finest, max(width, height) / BLOCKS)
+    columns, rows = (max(1, int(np.ceil(length / side - 1e-9))) for length in (width, height))
+    return GridSpec(side, columns, rows, anchor_x_m=left, anchor_y_m=bottom)
+
+
+def _won(gap: AnyArray) -> dict[str, int]:
+    return {'cells_won': int((gap > 0.0).sum()), 'cells_lost': int((gap < 0.0).sum())}
+
+
+def _wins(gap: AnyArray, first: str, second: str, what: str) -> Picture:
+    """Draw by how many nats the first of two maps is better, cell by cell; nan: no facts."""
+    kinds = np.full(gap.shape, 5, np.uint8)
+    kinds[gap == 0.0] = 2
+    kinds[gap > 0.0], kinds[gap < 0.0] = 1, 3
+    kinds[gap > STEP], kinds[gap < -STEP] = 0, 4
+    return Picture(
+        kinds_png(kinds, [*WINS, NO_FACTS]),
+        f'{what}: blue where {first} is better than {second}, orange where it is worse '
+        f'(dark: by more than {STEP:g} nats), grey as good; white: nothing to judge by',
+    )

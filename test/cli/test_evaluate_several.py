@@ -1,0 +1,136 @@
+"""`evaluate` of several maps: their figures are those of one, their differences are paired."""
+
+import json
+
+import numpy as np
+import pytest
+import yaml
+from PIL import Image
+from support.strategies import fan
+
+from ogm_mcmc.cli.evaluate_several import named_maps
+from ogm_mcmc.cli.main import run
+from ogm_mcmc.config import OutputConfig
+from ogm_mcmc.errors import ConfigError
+from ogm_mcmc.geometry import GridMap, GridSpec, PlacedScan, Pose2D
+from ogm_mcmc.io.map_files import save_map, save_npz
+from ogm_mcmc.io.recording_bag import write_recording
+
+SPEC = GridSpec(0.1, 4, 3)
+TRUTH = np.array([[0, 0, 1, 1], [0, 0, 0, 1], [1, 0, 0, 0]], np.float32)
+GOOD = np.where(TRUTH > 0, 0.9, 0.1).astype(np.float32)
+POOR = np.where(TRUTH > 0, 0.6, 0.3).astype(np.float32)
+
+
+@pytest.fixture
+def theirs(tmp_path, monkeypatch):
+    """good.npz; poor as percents in greys of a raw map image; poor as an NPY; truth; a bag."""
+    monkeypatch.chdir(tmp_path)
+    save_npz(GridMap(SPEC, GOOD), tmp_path / 'good.npz', {})
+    save_map(GridMap(SPEC, TRUTH), tmp_path, OutputConfig(), 'truth')
+    greys = np.rint(100 * POOR[::-1]).astype(np.uint8)
+    Image.fromarray(greys).save(tmp_path / 'raw.png')
+    grid = {'resolution': 0.1, 'origin': [0.0, 0.0, 0.0]}
+    image = {'image': 'raw.png', 'mode': 'raw', 'negate': 0}
+    image |= {'occupied_thresh': 0.65, 'free_thresh': 0.196, **grid}
+    (tmp_path / 'raw.yaml').write_text(yaml.safe_dump(image))
+    np.save(tmp_path / 'poor.npy', POOR)
+    (tmp_path / 'poor.yaml').write_text(yaml.safe_dump(grid))
+    scans = [
+        PlacedScan.at(
+            fan(0.2, 0.2, increment=1e-6, range_max_m=0.3, stamp_ns=1), Pose2D(0.05, 0.05)
+        ),
+        PlacedScan.at(fan(0.1, range_max_m=0.3, stamp_ns=2), Pose2D(0.15, 0.05)),
+        PlacedScan.at(fan(0.3, range_max_m=0.4, stamp_ns=3), Pose2D(0.05, 0.15)),
+    ]
+    assert write_recording(tmp_path / 'bag', scans) == 3
+    return tmp_path
+
+
+def asked(capsys, *arguments):
+    capsys.readouterr()
+    assert run(['evaluate', *arguments, '--json']) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def test_against_truth_and_beams(theirs, capsys):
+    judges = ('--truth', 'truth.yaml', '--beams', 'bag', '--point-step', '0.1')
+    result = asked(capsys, 'ours=good.npz', 'raw=raw.yaml', 'poor.npy', *judges)
+    assert list(result['maps']) == ['ours', 'raw', 'poor']
+    singles = [
+        asked(capsys, name, *judges, '--points') for name in ('good.npz', 'raw.yaml', 'poor.npy')
+    ]
+    for one, alone in zip(result['maps'].values(), singles, strict=True):
+        assert one['truth']['divergence_nats'] == alone['divergence_nats']
+        assert one['beams']['nats_per_beam'] == alone['beams']['nats_per_beam']
+        assert one['beams']['ending_outside'] == alone['beams']['ending_outside']
+        assert one['beams']['points'] == alone['points']
+    first, same, of_both = (result['beams']['differences'][k] for k in (0, 2, 1))
+    assert (first['map'], first['against']) == ('ours', 'raw')
+    gap = singles[0]['beams']['nats_per_beam'] - singles[1]['beams']['nats_per_beam']
+    assert first['nats_per_beam'] == pytest.approx(gap)
+    assert first['nats_per_beam'] == pytest.approx(of_both['nats_per_beam'])
+    assert (first['scans_won'], first['scans_lost']) == (3, 0)
+    # Paired, two maps that say the same have no error, whatever that of each.
+    assert abs(same['nats_per_beam']) < 1e-6 > same['standard_error']
+    assert singles[1]['beams']['standard_error'] > 0.01
+    nearer = np.log(np.where(TRUTH > 0, 0.9 / 0.6, 0.9 / 0.7)).sum()
+    by_truth = result['truth']['differences'][0]
+    assert by_truth['nearer'] == pytest.approx(nearer, rel=1e-5)
+    assert (by_truth['cells_won'], by_truth['cells_lost']) == (12, 0)
+
+
+def test_table_and_page(theirs, capsys):
+    arguments = ('ours=good.npz', 'theirs=poor.npy', '--truth', 'truth.yaml', '--beams', 'bag')
+    assert run(['evaluate', *arguments, '-o', 'out']) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].split()[0] == 'map'
+    assert [line.split()[0] for line in lines[1:3]] == ['ours', 'theirs']
+    assert lines[3].startswith('ours against theirs: ')
+    assert lines[4].startswith('ours against theirs: +')
+    assert 'nats a beam, paired by scan; better in 3 scans, worse in 0' in lines[4]
+    page = (theirs / 'out' / 'evaluation.html').read_text()
+    # Two maps, the truth, reliability and wins by cells; reliability and wins by beams.
+    assert page.count('<img') == 7
+    assert 'blue where ours is better than theirs' in page
+
+
+def test_maps_of_other_grids_are_judged_by_the_same_beams(theirs, capsys):
+    """A map of fewer and larger cells; `exclude` leaves out what ends outside of any map."""
+    coarse = GridMap(GridSpec(0.15, 2, 2), np.full((2, 2), 0.3, np.float32))
+    save_npz(coarse, theirs / 'coarse.npz', {})
+    result = asked(capsys, 'good.npz', 'coarse.npz', '--beams', 'bag')
+    assert [one['beams']['beams'] for one in result['maps'].values()] == [4, 4]
+    outside = [one['beams']['ending_outside']['beams'] for one in result['maps'].values()]
+    assert outside == [0, 1]
+    result = asked(capsys, 'good.npz', 'coarse.npz', '--beams', 'bag', '--leaving', 'exclude')
+    assert [one['beams']['beams'] for one in result['maps'].values()] == [3, 3]
+    assert result['beams']['left_out'] == 1
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'said'),
+    [
+        (('good.npz', 'x=good.npz', '--truth', 'truth.yaml', '--pose', '0,0,0'), '--pose with 2'),
+        (('good.npz', 'good.npz', '--truth', 'truth.yaml'), 'second map of name good'),
+        (('a=good.npz', '=poor.npy', '--truth', 'truth.yaml'), "'=poor.npy': expected NAME=MAP"),
+        (('a=good.npz', 'b=', '--truth', 'truth.yaml'), 'map b is empty: expected a path'),
+        (('a=good.npz', 'b=coarse.npz', '--truth', 'truth.yaml'), 'b: resolution of the map is'),
+        (('a=good.npz', 'b=none.npz', '--truth', 'truth.yaml'), 'none.npz: '),
+    ],
+)
+def test_what_is_wrong_is_one_line(theirs, capsys, arguments, said):
+    save_npz(GridMap(GridSpec(0.2, 2, 2), GOOD[:2, :2]), theirs / 'coarse.npz', {})
+    assert run(['evaluate', *arguments]) == 2
+    error = capsys.readouterr().err.strip()
+    assert said in error
+    assert '\n' not in error
+
+
+def test_names(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / 'a=b.npz').touch()
+    assert list(named_maps(['a=b.npz', 'maps/c.npz', 'd=e=f.npz'])) == ['a=b', 'c', 'd']
+    assert named_maps(['d=e=f.npz'])['d'].name == 'e=f.npz'
+    with pytest.raises(ConfigError, match='without NUL'):
+        named_maps(['a\0.npz'])
