@@ -38,7 +38,7 @@ from ogm_mcmc.io.map_sheet import save_side_by_side
 
 __all__ = ['add_to']
 
-NODE_START_S = 120.0  # compiling all kernels on a slow machine
+NODE_START_S = 400.0  # compiling all kernels on a slow machine
 SERVICE_S = 30.0
 INDEXING_S = 60.0  # beside the time for sampling
 

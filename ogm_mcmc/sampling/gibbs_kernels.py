@@ -8,7 +8,10 @@ records  (N, 2) int32, one row a ray: the place (see `ray_line_kernels`) of the 
 Names ending in `_bits` are the same memory as float32. The inner functions take plain arrays,
 those of `RayIndex.arrays()`, and call no further function for an element of one: a tuple of
 arrays, a view made per cell or a call per ray makes Numba count references, which takes longer
-than looking at the rays themselves (measured: four times the whole sweep).
+than looking at the rays themselves (measured: four times the whole sweep). What is called once a
+cell is not inlined: the kernels compile in two thirds of the time (48 s of CPU instead of 72 on a
+busy machine), and a sweep takes as long as before. Inlined no more either, `hit_behind` saved
+another 7 s and made sweeps slower by 40 %.
 """
 
 import math
@@ -72,7 +75,7 @@ def find_first_hits(cells, index, records):
         bits[ray, 1] = value
 
 
-@njit(cache=True, nogil=True, inline='always')
+@njit(cache=True, nogil=True)
 def log_odds_unless_below(
     threshold, prior, cell, cells, records, bits, marks, lists, full, gain, near, near_bits,
     front, tiles, runs, run_lengths, rays, ray_bits, grid,
@@ -155,7 +158,7 @@ def conditional_log_odds(cell, cells, records, index, prior):
     )  # fmt: skip
 
 
-@njit(cache=True, nogil=True, inline='always')
+@njit(cache=True, nogil=True)
 def redirect_rays(
     cell, cells, records, bits, marks, lists, full, near, near_bits, front, tiles, runs,
     run_lengths, rays, ray_bits, grid,

@@ -78,7 +78,7 @@ def scratch(side, most, most_in_tile):
     )
 
 
-@njit(cache=True, nogil=True, inline='always')
+@njit(cache=True, nogil=True)
 def mark_options(options, n_options, n_cells, occupying):
     """Fill `occupying`: by cell of the patch, the options that occupy it as bits of words."""
     for i in range(n_cells):
@@ -103,7 +103,7 @@ def next_code(source, at, last, place, near, front, found):
     return code
 
 
-@njit(cache=True, nogil=True, inline='always')
+@njit(cache=True, nogil=True)
 def fill_heads(
     heads, found, corner, side, marks, lists, full, near, front, tiles, runs, run_lengths, rays,
     grid,
@@ -139,7 +139,7 @@ def fill_heads(
     return count
 
 
-@njit(cache=True, nogil=True, inline='always')
+@njit(cache=True, nogil=True)
 def add_likelihoods(
     options, scores, n_options, occupying, heads, met, found, corner, side, cells, records, bits,
     marks, lists, full, near, near_bits, front, tiles, runs, run_lengths, rays, ray_bits, grid,
@@ -219,7 +219,7 @@ def add_likelihoods(
                     option += 1
 
 
-@njit(cache=True, nogil=True, inline='always')
+@njit(cache=True, nogil=True)
 def draw_index(rng, log_weights, count, weights):
     """Draw from the first `count` of some log-weights; `weights` holds what they are."""
     highest = log_weights[0]
