@@ -73,7 +73,7 @@ class NodeProcess:
         self.output += self.process.communicate(timeout=timeout_s)[0] or ''
         return int(self.process.returncode)
 
-    def stop(self, how: int = signal.SIGINT, timeout_s: float = 15.0) -> int:
+    def stop(self, how: int = signal.SIGINT, timeout_s: float = 60.0) -> int:
         """Send a signal and wait; return the exit code. Kills what does not stop."""
         self.process.send_signal(how)
         try:
@@ -115,11 +115,11 @@ class Observer:
         self.node.create_subscription(msg_type, topic, received.append, qos, raw=raw)
         return received
 
-    def until(self, condition: Callable[[], bool], timeout_s: float = 30.0) -> None:
+    def until(self, condition: Callable[[], bool], timeout_s: float = 120.0) -> None:
         """Handle messages until a condition holds; raises TimeoutError."""
         spin_until(self.executor, condition, timeout_s)
 
-    def call(self, srv_type: Any, name: str, request: Any, timeout_s: float = 30.0) -> Any:
+    def call(self, srv_type: Any, name: str, request: Any, timeout_s: float = 120.0) -> Any:
         """Call a service and return its response."""
         client = self.node.create_client(srv_type, name)
         response = ask(client, request, self.spin_while, timeout_s)
