@@ -70,7 +70,8 @@ def unseen_log_likelihood(model, reading, reach, cut):
     Behind a cut the likelihood is taken as level: of `gaussian` at its value there, of `beam`
     at the background alone.
     """
-    if cut >= reach:
+    # reach / side of a cell * side of a cell may be a bit less than the reach.
+    if cut >= reach * (1.0 - 1e-12):
         return range_log_likelihood(model, reading, reach, math.inf)
     if model.is_gaussian:
         return range_log_likelihood(model, reading, reach, cut)

@@ -336,3 +336,13 @@ def test_gain_is_a_bound_of_many_rays_too(reading):
         lowest = min([*values[k + 1 :], nothing])
         most = count * max(values[k] - lowest, 0.0)
         assert most <= gain[k] <= most * (1.0 + 1e-3)
+
+
+@pytest.mark.parametrize('reach', [1.9, 7.5, 7.6, 15.7, 29.9])
+def test_a_beam_without_a_return_is_likely_where_nothing_is_at_any_reach(reach):
+    """7.6 / 0.05 * 0.05 is less than 7.6 in floating point: no ray is cut by that."""
+    window = RayWindow(WindowConfig(resolution=0.05, max_range=reach), BEAM)
+    window.add([PlacedScan.at(fan(math.inf, range_max_m=40.0), Pose2D(0.03, 0.02))])
+    _, values, unseen = window.index.ray(0)
+    assert unseen == approx(math.log(1.0 - BEAM.clutter), abs=1e-6)
+    assert (values < unseen).all()
