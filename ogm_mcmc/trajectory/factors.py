@@ -111,10 +111,11 @@ class PoseFactors(NamedTuple):
             precision[k] = np.linalg.inv(covariance + np.diag(LEAST_SPREAD**2))
         return cls(mean, precision, Moves.none() if moves is None else moves, said)
 
-    def doubt(self, poses: Float64Array, blocks: Float64Array) -> float:
+    def doubt(self, poses: Float64Array, blocks: Float64Array, now: PoseFactors) -> float:
         """Return s: how many times the covariances of beliefs are what poses (K, 3) show.
 
         blocks  (K, 3, 3) precision of each pose given all others, as far as scans tell
+        now     the factors that the poses were found with: these, with the s of before
 
         A step of EM with a median for the mean, so that a few astray do not count: of the squared
         distances from the beliefs, in their metric, which is 2.366 of 3 degrees of freedom, and
@@ -124,7 +125,7 @@ class PoseFactors(NamedTuple):
             return 1.0
         precision = self.precision[self.said]
         squares = -2.0 * self.of_beliefs(poses)[self.said]
-        left = np.linalg.inv(blocks[self.said] + precision)
+        left = np.linalg.inv(blocks[self.said] + now.precision[self.said])
         open_ = float(np.einsum('kij,kji->k', precision, left).mean())
         shown = float(np.median(squares)) / MEDIAN_OF_SQUARES + open_ / 3.0
         count = float(np.count_nonzero(self.said))

@@ -141,7 +141,9 @@ class TrajectoryRefinement:
             self.poses, self._system = align(self.points, before, self.factors, stage)
             if self.config.rescale and stage.side_m <= RESCALED_FROM_M:
                 said = self._said
-                self.factors = said.doubted(said.doubt(self.poses, self._system.blocks))
+                self.factors = said.doubted(
+                    said.doubt(self.poses, self._system.blocks, self.factors)
+                )
             yield self._progress('aligned', stage.side_m, self.poses - before)
 
     def _astray(self) -> Int64Array:

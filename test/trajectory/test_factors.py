@@ -1,5 +1,7 @@
 """Factors of poses: derivatives against differences, products against matrices."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -97,24 +99,42 @@ def beliefs_off_by(times: float, count: int = 400) -> tuple[PoseFactors, np.ndar
 def test_poses_show_how_good_beliefs_are(times: float) -> None:
     said, truth = beliefs_off_by(times)
     sure = np.tile(1e9 * np.eye(3), (len(truth), 1, 1))
-    found = said.doubt(truth, sure)
+    found = said.doubt(truth, sure, said)
     assert np.sqrt(found) == pytest.approx(times, rel=0.1)
     doubted = said.doubted(found)
     np.testing.assert_allclose(doubted.precision, said.precision / found)
     # Of itself, not of what it was made into: again is the same.
-    assert doubted.doubt(truth, sure) == pytest.approx(1.0, abs=0.15)
+    assert doubted.doubt(truth, sure, doubted) == pytest.approx(1.0, abs=0.15)
+
+
+@pytest.mark.parametrize('share', [0.4, 2.5])
+def test_beliefs_are_judged_though_poses_follow_them(share: float) -> None:
+    """Scans that are as sure as the beliefs: poses lie half way, and EM still finds the share."""
+    said, truth = beliefs_off_by(math.sqrt(share), count=20_000)
+    rng = np.random.default_rng(9)
+    blocks = said.precision.copy()
+    roots = np.linalg.cholesky(np.linalg.inv(blocks))
+    seen = truth + np.einsum('kij,kj->ki', roots, rng.normal(size=truth.shape))
+    factor = 1.0
+    for _ in range(60):
+        now = said.doubted(factor)
+        right = np.einsum('kij,kj->ki', now.precision, said.mean)
+        right += np.einsum('kij,kj->ki', blocks, seen)
+        poses = np.linalg.solve(now.precision + blocks, right[..., None])[..., 0]
+        factor = said.doubt(poses, blocks, now)
+    assert factor == pytest.approx(share, rel=0.1)
 
 
 def test_scans_that_tell_nothing_leave_beliefs_as_they_are() -> None:
     said, _ = beliefs_off_by(2.0)
     nothing = np.zeros((len(said.mean), 3, 3))
-    assert said.doubt(said.mean, nothing) == pytest.approx(1.0)
+    assert said.doubt(said.mean, nothing, said) == pytest.approx(1.0)
 
 
 def test_few_beliefs_are_not_doubted_much_and_unsaid_ones_never() -> None:
     said, truth = beliefs_off_by(0.0, count=2)
     sure = np.tile(1e9 * np.eye(3), (2, 1, 1))
-    assert said.doubt(truth, sure) == pytest.approx(10.0 / 12.0, rel=1e-3)
+    assert said.doubt(truth, sure, said) == pytest.approx(10.0 / 12.0, rel=1e-3)
     unsaid = PoseFactors.of([PoseBelief(Pose2D())], (0.3, 0.3, 0.1))
-    assert unsaid.doubt(np.ones((1, 3)), sure[:1]) == 1.0
+    assert unsaid.doubt(np.ones((1, 3)), sure[:1], unsaid) == 1.0
     np.testing.assert_array_equal(unsaid.doubted(9.0).precision, unsaid.precision)
