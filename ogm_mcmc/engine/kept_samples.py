@@ -55,6 +55,10 @@ class KeptSamples:
             cells = state.cells[sampler.model.touched].astype(np.uint64)
             self._words |= cells << np.uint64(first + j)
 
+    def clear(self) -> None:
+        """Forget all samples, and the sampler they came from with its index."""
+        self._sampler, self._words, self._slots = None, np.zeros(0, np.uint64), {}
+
     def _forget_every_other(self) -> None:
         self._every *= 2
         mask = 0

@@ -88,7 +88,8 @@ class Corrections:
         return (
             f'{entry.parent} -> {child} moved the robot by {way_m:.2f} m and '
             f'{math.degrees(turn_rad):.1f} degrees at once: scans mapped before may lie wrong; '
-            'a corrected trajectory on the topic trajectory moves them'
+            'a corrected trajectory on the topic trajectory moves them (online_mapper: with '
+            'keep_scans)'
         )
 
     def _base_by(self, child: str, in_map: RigidTransform) -> Pose2D | None:

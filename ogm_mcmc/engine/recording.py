@@ -15,8 +15,9 @@ import numpy as np
 
 from ogm_mcmc.config import RecordingConfig, SamplerConfig
 from ogm_mcmc.engine.coverage import Coverage
+from ogm_mcmc.engine.recent import Recent
 from ogm_mcmc.errors import GridError
-from ogm_mcmc.geometry import CellBox, PlacedScan, wrap_angle
+from ogm_mcmc.geometry import CellBox, PlacedScan, Pose2D, wrap_angle
 from ogm_mcmc.sampling import RayWindow, WindowSize
 
 __all__ = ['LET_GO', 'Recording', 'fingerprint']
@@ -69,6 +70,7 @@ class Recording:
             margin = sampler.patch.window_margin
             self._window = RayWindow(sampler.window, sampler.model, margin=margin)
         self._scans: deque[_Kept] = deque()
+        self._last: Recent[Pose2D] = Recent()  # where each sensor was when its last scan came in
 
     def __len__(self) -> int:
         """Return the number of scans."""
@@ -100,6 +102,7 @@ class Recording:
         if full:
             self._renew(placement)
         self._scans.append(new)
+        self._note_last(placement)
         self.n_rays += new.beams
         self.size = self.size.with_more(new.size)
         self.coverage.add(placement)
@@ -112,16 +115,17 @@ class Recording:
 
     def _is_near_last(self, placement: PlacedScan) -> bool:
         window = self.config.window
-        if not self._scans or window.minimum_travel_distance == 0.0:
+        last = self._last.get(placement.scan.frame_id)
+        if last is None or window.minimum_travel_distance == 0.0:
             return False
-        last, scan = self._scans[-1].placement, placement.scan
-        here, there = placement.pose, last.pose
+        here, there = placement.pose, last
         return (
-            last.scan.frame_id == scan.frame_id
-            and math.hypot(here.x_m - there.x_m, here.y_m - there.y_m)
-            < window.minimum_travel_distance
+            math.hypot(here.x_m - there.x_m, here.y_m - there.y_m) < window.minimum_travel_distance
             and abs(wrap_angle(here.yaw_rad - there.yaw_rad)) < window.minimum_travel_heading
         )
+
+    def _note_last(self, placement: PlacedScan) -> None:
+        self._last[placement.scan.frame_id] = placement.pose
 
     def _size_of(self, placement: PlacedScan) -> WindowSize:
         if self._window is None:
@@ -157,7 +161,11 @@ class Recording:
             self.coverage.forget()
 
     def _let_oldest_go(self, reason: str) -> None:
-        gone = self._scans.popleft()
+        self._let_one_go(0, reason)
+
+    def _let_one_go(self, index: int, reason: str) -> None:
+        gone = self._scans[index]
+        del self._scans[index]
         self.let_go[reason] += 1
         self.n_rays -= gone.beams
         self.coverage.remove(gone.placement)
@@ -177,16 +185,17 @@ class Recording:
     def _renew(self, placement: PlacedScan) -> None:
         """Let the oldest scan of a place and heading go."""
         cell = self.coverage.cell_of(placement)
-        scans = list(self._scans)
-        for index, kept in enumerate(scans):
+        for index, kept in enumerate(self._scans):
             if self.coverage.cell_of(kept.placement) == cell:
-                self._keep(scans[:index] + scans[index + 1 :], 'renewed')
+                self._let_one_go(index, 'renewed')
                 return
 
     def _keep(self, scans: Sequence[_Kept], reason: str) -> None:
         if gone := len(self._scans) - len(scans):
             self.let_go[reason] += gone
         self._scans = deque(scans)
+        for kept in scans:
+            self._note_last(kept.placement)
         self.n_rays = sum(kept.beams for kept in scans)
         rays, pairs = sum(k.size.rays for k in scans), sum(k.size.pairs for k in scans)
         near = sum(k.size.near for k in scans)
@@ -205,7 +214,10 @@ class Recording:
         self._refuse_box(WindowSize(0, 0, _box_around(scans)))
         self._keep(scans, 'thinned')
         while len(self._scans) > 1 and self._beyond_limits():
-            self._thin()
+            if self.config.window.keep == 'coverage':
+                self._thin()
+            else:
+                self._let_oldest_go('older')
 
     def _refuse_box(self, size: WindowSize) -> None:
         if self._window is None or size.n_bytes <= self._window.most_bytes:
@@ -240,6 +252,7 @@ class Recording:
     def clear(self) -> None:
         """Forget all scans."""
         self._scans.clear()
+        self._last.clear()
         self.let_go.clear()
         self.coverage = Coverage()
         self.n_rays = self._full_at = 0

@@ -152,6 +152,12 @@ class RefineWorker:
         """End sampling, with a last map; return whether there was any."""
         return self._leave(None, 'stopped')
 
+    @property
+    def wanted(self) -> bool:
+        """Whether somebody waits for a result: there is an order, and nobody ended it."""
+        with self._changed:
+            return self._order is not None or (self._at_work is not None and not self._cancel)
+
     def clear(self) -> None:
         """End sampling and forget scans, chains and map."""
         with self._changed:
@@ -217,6 +223,7 @@ class RefineWorker:
                 self._forget = False
                 self._refinement, self.status = Refinement(self.config), WorkerStatus()
                 self._poses = _Poses(self._poses.config)
+                self._kept.clear()
             self._at_work, self._order = self._order, None
             return self._at_work is not None or self._save or not self._closing
 
@@ -233,6 +240,7 @@ class RefineWorker:
         except MemoryError:
             # The index may be half grown.
             self._refinement = Refinement(self.config)
+            self._kept.clear()
             self._failed(f'no memory to sample {len(order.scans)} scans: expected more')
 
     def _failed(self, text: str) -> None:
@@ -291,7 +299,10 @@ class RefineWorker:
         if refinement.holds(scans):
             return  # the chains go on and what they counted stays
         fresh = refinement.sampler is None
+        before = refinement.sampler
         refinement.take(scans)
+        if refinement.sampler is not before:
+            self._kept.clear()  # it holds the old index
         if fresh and self.state_file is not None and self.state_file.exists():
             try:
                 refinement.resume(self.state_file)

@@ -41,7 +41,7 @@ class CollisionAnswers:
         self,
         node: Node,
         problems: Problems,
-        frame_id: str,
+        frame_id: Callable[[], str],
         newest: Callable[[], RefinedMap | None],
         radius_m: Callable[[], float],
     ) -> None:
@@ -67,10 +67,11 @@ class CollisionAnswers:
     def _risk(self, msg: Any) -> Float64Array:
         frame, result = messages.frame_of(msg), self.newest()
         none: Float64Array = np.empty(0)
-        if frame != self.frame_id:
+        wanted = self.frame_id()
+        if frame != wanted:
             self.problems.warn(
                 'collision_query_wrong_frame',
-                f'collision_query in frame {frame!r}: expected {self.frame_id!r}',
+                f'collision_query in frame {frame!r}: expected {wanted!r}',
             )
             return none
         if result is None or result.samples is None:

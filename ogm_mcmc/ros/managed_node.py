@@ -128,7 +128,14 @@ class ManagedNode(LifecycleNode):
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Work from now on, or as soon as the kernels are compiled."""
         self.active = True
-        self._begin_if_ready()
+        try:
+            self._begin_if_ready()
+        except OgmError as error:
+            self._failure = error
+            self.get_logger().error(f'not activated: {error}')
+            self.active = False
+            self._end()
+            return FAILURE
         return SUCCESS
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -104,11 +105,12 @@ class RefineServer(ManagedNode):
             samples=self.settings.collision_samples,
             log=self.get_logger().info,
         )
-        self.maps = RefinedMaps(self, self.intake.settings.map_frame, self.output, self.shown)
+        self.maps = RefinedMaps(self, self.map_frame, self.output, self.shown)
         self.trajectory = TrajectoryPublisher(self)
         self.diagnostics = Diagnostics(self, 'refining')
         self._reported_error = self._reported_lack = ''
         self._sampled_until = self.stop
+        self._until = 0.0  # on the monotonic clock: corrections start nothing after that
         self.create_service(Trigger, '~/refine', self.on_refine)
         self.create_service(Trigger, '~/stop', self.on_stop)
         self.create_service(Trigger, '~/clear', self.on_clear)
@@ -130,7 +132,7 @@ class RefineServer(ManagedNode):
         self.collisions = CollisionAnswers(
             self,
             self.intake.problems,
-            self.intake.settings.map_frame,
+            self.map_frame,
             lambda: self.worker.result,
             lambda: self.robot_radius,
         )
@@ -139,12 +141,17 @@ class RefineServer(ManagedNode):
     def end(self) -> None:
         """End sampling; the recording and the last map stay."""
         self.worker.stop()
+        self._outdated = False
         self.intake.clear()
 
     def tear_down(self) -> None:
         """Forget recording, chains and map."""
         self.worker.close()
         del self.worker, self.recording, self.maps, self.intake
+
+    def map_frame(self) -> str:
+        """Return the frame of maps and poses; of odometry it is known when that comes."""
+        return self.intake.settings.map_frame
 
     def _read_live(self) -> None:
         self.settings = self.parameters.read(RefineServerConfig)
@@ -173,7 +180,7 @@ class RefineServer(ManagedNode):
         corrected = self.corrector.applied(scans, nodes, self.sampler.window.resolution)
         if corrected.moved:
             self.recording.replace(corrected.scans)
-            self._outdated = self.worker.status.state != 'idle'
+            self._outdated = self.worker.wanted
             self.sample_corrected()
         return corrected
 
@@ -183,9 +190,11 @@ class RefineServer(ManagedNode):
         if not self._outdated or now - self._corrected_at < CORRECTING_S:
             return
         self._outdated = False
-        if self.worker.status.state != 'idle':
+        left = self._until - now
+        if self.worker.wanted and left > 0.0:
             self._corrected_at = now
-            self.worker.refine(self.recording.snapshot(), self.stop)
+            stop = replace(self._sampled_until, max_time=left)
+            self.worker.refine(self.recording.snapshot(), stop)
 
     # -- maps out ---------------------------------------------------------------------------
 
@@ -283,7 +292,8 @@ class RefineServer(ManagedNode):
                 status.progress,
                 bool(self.settings.state_file),
             )
-            self._sampled_until = self.stop
+            self._sampled_until, self._outdated = self.stop, False
+            self._until = time.monotonic() + self.stop.max_time
             replaced = self.worker.refine(recording.snapshot(), self.stop)
             text += ', instead of those before' if replaced else ''
             text += f'; the last one {last}' if last else ''
@@ -292,7 +302,7 @@ class RefineServer(ManagedNode):
 
     def on_stop(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """End sampling; the last map is published as soon as the sweep is over."""
-        stopped = self.worker.stop()
+        stopped, self._outdated = self.worker.stop(), False
         response.success = True
         response.message = 'stopping' if stopped else 'was not sampling'
         return response
@@ -301,6 +311,7 @@ class RefineServer(ManagedNode):
         """Forget the recorded scans, the poses and the refined map; publish an empty one."""
         forgotten = len(self.recording)
         self.worker.clear()
+        self._outdated = False
         self.recording.clear()
         self.corrector.clear()
         self.intake.clear()

@@ -43,13 +43,14 @@ class _Topic:
 class RefinedMaps:
     """`map_refined` (what `output` says), `map_refined_probability`, and `~/entropy`.
 
+    `frame_id()` is the frame of the maps: with odometry it is known when the first message comes.
     `shown(result)` gives the map of a result as it is to be seen, nan where it says nothing.
     """
 
     def __init__(
         self,
         node: Node,
-        frame_id: str,
+        frame_id: Callable[[], str],
         output: OutputConfig,
         shown: Callable[[RefinedMap], GridMap],
     ) -> None:
@@ -92,7 +93,7 @@ class RefinedMaps:
             # The entropy is of every cell, also of those that are no more certain than the prior.
             grid_map = result.grid_map if kind == 'entropy' else self.shown(result)
             values = rendered(grid_map.probability, kind or self.output.output, self.output)
-            return grid_message(values, grid_map.spec, self.frame_id, result.stamp_ns)
+            return grid_message(values, grid_map.spec, self.frame_id(), result.stamp_ns)
 
         return one.message(result.number, make)
 
@@ -103,7 +104,7 @@ class RefinedMaps:
             one.forget()
             if one.topic.sent:
                 spec = GridSpec(resolution_m, 1, 1)
-                one.topic.send(grid_message(empty, spec, self.frame_id, 0))
+                one.topic.send(grid_message(empty, spec, self.frame_id(), 0))
 
     def flush(self, timeout_s: float) -> None:
         """Wait until every listener has what was sent, before the node goes."""

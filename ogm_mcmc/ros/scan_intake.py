@@ -96,7 +96,8 @@ class ScanIntake:
         source: PoseSource = self.transforms if from_tf else PoseHistory()
         self.placer = ScanPlacer(source, mounts=self.mounts, on_drop=self.on_drop)
         self.problems = Problems(node, lambda: self.placer.dropped)
-        topics = [TF_TOPIC, TF_STATIC_TOPIC] if from_tf else [self._topic(settings.pose_source)]
+        names = (TF_TOPIC, TF_STATIC_TOPIC) if from_tf else (settings.pose_source,)
+        topics = [self._topic(name) for name in names]
         self.watch = IntakeHealth(node, [self._topic('range' if sonar else 'scan')], topics)
         self.configure(settings, placing)
 

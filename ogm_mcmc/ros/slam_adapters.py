@@ -25,6 +25,7 @@ Take = Callable[[str, Read], None]
 """Takes the frame of poses, and what reads them."""
 
 ASK_EVERY_S = 5.0
+PATIENCE = 3  # times to ask again that an answer may take
 
 
 def follow_slam_toolbox(node: Node, take: Take) -> None:
@@ -51,6 +52,7 @@ def follow_cartographer(node: Node, map_frame: str, take: Take, trajectory_id: i
         raise _missing('cartographer', 'cartographer_ros_msgs', error) from error
     client = node.create_client(TrajectoryQuery, 'trajectory_query')
     asked: list[Any] = []  # the answer that is waited for
+    waited = 0  # times it was due to ask since
 
     def read(future: Any) -> tuple[Int64Array, Float64Array]:
         if future.exception() is not None:
@@ -58,7 +60,12 @@ def follow_cartographer(node: Node, map_frame: str, take: Take, trajectory_id: i
         return read_trajectory_answer(future.result())
 
     def ask() -> None:
+        nonlocal waited
+        waited += 1
+        if asked and not asked[-1].done() and waited > PATIENCE:
+            client.remove_pending_request(asked.pop())  # lost: no answer comes any more
         if client.service_is_ready() and (not asked or asked[-1].done()):
+            waited = 0
             request = TrajectoryQuery.Request()
             request.trajectory_id = trajectory_id
             future = client.call_async(request)

@@ -1,5 +1,6 @@
 """Which maps are kept, and that their bits are the chains' own."""
 
+import sys
 from types import SimpleNamespace
 
 import numpy as np
@@ -55,6 +56,16 @@ def test_another_sampler_takes_the_place():
     kept.add(second)
     assert kept.bits(first, SPEC) is None
     assert not kept.bits(second, SPEC).words.any()
+
+
+def test_the_sampler_is_let_go_with_its_samples():
+    rng, sampler, kept = np.random.default_rng(0), chains(2), KeptSamples()
+    turn(sampler, rng)
+    kept.add(sampler)
+    held = sys.getrefcount(sampler)
+    kept.clear()
+    assert kept.bits(sampler, SPEC) is None
+    assert sys.getrefcount(sampler) == held - 1
 
 
 def test_none_are_kept_when_none_are_asked_for():

@@ -199,6 +199,17 @@ def test_minimum_travel_is_that_of_slam_toolbox():
     assert recording.let_go == {'too_near': 16}
 
 
+def test_minimum_travel_is_of_each_sensor_by_itself():
+    recording = Recording(RecordingConfig(KeepConfig(minimum_travel_distance=0.45)))
+    for i in range(11):
+        for frame in ('front', 'rear'):
+            recording.add(at(0.1 * i, stamp_s=i, frame_id=frame))
+    assert [p.scan.frame_id for p in recording.snapshot()] == ['front', 'rear'] * 3
+    recording.clear()
+    recording.add(at(1.0, stamp_s=20.0, frame_id='rear'))
+    assert len(recording) == 1
+
+
 # -- corrected ------------------------------------------------------------------------------------
 
 

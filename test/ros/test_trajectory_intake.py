@@ -3,7 +3,6 @@
 import importlib.util
 import math
 import time
-from types import SimpleNamespace
 
 import pytest
 
@@ -12,7 +11,7 @@ pytest.importorskip('rclpy', reason='rclpy is not installed: no ROS tests')
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 from rclpy.parameter import Parameter
-from support.local_ros import Logs, local_node, pose, scan
+from support.local_ros import Logs, local_node, odometry, pose, scan
 
 from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.ros.online_mapper import OnlineMapper
@@ -119,10 +118,15 @@ def test_sampling_goes_on_with_corrected_scans_but_is_not_kept_from_it(monkeypat
     chosen = parameters(window__resolution=0.1, patch__size=1, patch__prior='uniform')
     with local_node(RefineServer, parameter_overrides=chosen) as node:
         walk(node)
-        orders = []
-        busy = SimpleNamespace(state='sampling')
-        monkeypatch.setattr(node.worker, 'status', busy)
-        monkeypatch.setattr(node.worker, 'refine', lambda scans, stop: orders.append(scans))
+        orders, limits, wanted = [], [], [True]
+
+        def refine(scans, stop):
+            orders.append(scans)
+            limits.append(stop.max_time)
+
+        monkeypatch.setattr(type(node.worker), 'wanted', property(lambda worker: wanted[0]))
+        monkeypatch.setattr(node.worker, 'refine', refine)
+        node._until = time.monotonic() + 30.0
         for y in (0.5, 1.0, 1.5):
             node.corrected.on_path(path([(float(k), 0.1 * k, y, 0.0) for k in range(1, SCANS)]))
         assert [round(scans[0].pose.y_m, 2) for scans in orders] == [0.5]
@@ -130,11 +134,30 @@ def test_sampling_goes_on_with_corrected_scans_but_is_not_kept_from_it(monkeypat
         node._corrected_at -= CORRECTING_S
         node.sample_corrected()
         assert [round(scans[0].pose.y_m, 2) for scans in orders] == [0.5, 1.5]
-        # Nothing is sampled that nobody asked for.
-        busy.state = 'idle'
+        # What `~/refine` said of its time holds, however often scans are corrected.
+        assert 0.0 < limits[1] <= limits[0] <= 30.0
+        node.corrected.on_path(path([(1.0, 0.0, 0.7, 0.0), (9.0, 0.0, 0.7, 0.0)]))
+        node._corrected_at -= CORRECTING_S
+        node._until = time.monotonic() - 1.0
+        node.sample_corrected()
+        assert len(orders) == 2
+        # Nothing is sampled that nobody asked for, or that was stopped.
+        node._until = time.monotonic() + 30.0
+        wanted[0] = False
         node._corrected_at -= CORRECTING_S
         node.corrected.on_path(CORRECTED)
         assert len(orders) == 2
+
+
+def test_maps_and_answers_are_in_the_frame_that_odometry_names():
+    chosen = parameters(
+        pose_source='odom', window__resolution=0.1, patch__size=1, patch__prior='uniform'
+    )
+    with local_node(RefineServer, parameter_overrides=chosen) as node:
+        assert node.maps.frame_id() == 'map'
+        node.intake.on_pose(odometry(1.0))
+        assert node.maps.frame_id() == 'odom'
+        assert node.collisions.frame_id() == 'odom'
 
 
 def test_slam_toolbox_and_cartographer_need_their_messages():
