@@ -143,6 +143,8 @@ def run(options: argparse.Namespace) -> int:
         )
     if of_map and options.map is None:
         raise ConfigError('no map: expected MAP, which --truth, --beams and --pose judge')
+    if options.map is not None and not of_map and not asks_for_poses(options):
+        raise ConfigError(f'{options.map}: --path asks the maps of --samples: expected no MAP')
     check_trajectory_options(options)
     _check_samples(options)
     if options.points and options.bag is None:

@@ -81,15 +81,17 @@ def read_held_out(
     """
     bag = read_bag(options, placing)
     placed, left_out = bag.placed[:: choice.beams_stride], 0
+    no_return = window.no_return
     for spec in specs:
         beams = held_out_beams(
             placed,
             spec,
             max_range_m=window.max_range,
-            no_return=window.no_return,
+            no_return=no_return,
             leaving=choice.leaving,
         )
         placed, left_out = beams.placed, left_out + beams.left_out
+        no_return = 'clear'  # what has no return now is a reading beyond --max-range
     if not beams.placed:
         raise BagError(
             f'{options.bag}: no beam of {len(bag.placed)} placed scans says anything '

@@ -146,20 +146,20 @@ def compared_by_beams(
     model = ForwardModel.from_config(sampler.model)
     specs = [one.spec for one in maps.values()]
     bag, beams = read_held_out(options, specs, choice, placing, sampler.window)
-    points = held_out_points(beams, point_choice.point_step)
+    points = held_out_points(beams, point_choice.point_step) if options.points else None
     values, scores, figures, columns = {}, {}, {}, {}
     for name, grid_map in maps.items():
         with tqdm(beams.placed, unit=' scans', desc=f'judge {name}', disable=None) as bar:
             values[name] = beam_log_likelihood(grid_map, bar, model, prior=config.unknown)
-        scores[name] = judged_points(grid_map, points, config)
         own = beams._replace(cell=cells_of_ends(beams.placed, grid_map.spec))
-        figures[name] = {
-            **beam_figures(own, values[name]),
-            'points': point_figures(points, scores[name]),
-        }
+        figures[name] = beam_figures(own, values[name])
         mean = beams.mean(values[name])
-        columns[name] = {
-            'nats a beam': f'{mean.value:.4f} +- {mean.standard_error:.4f}',
+        columns[name] = {'nats a beam': f'{mean.value:.4f} +- {mean.standard_error:.4f}'}
+        if points is None:
+            continue
+        scores[name] = judged_points(grid_map, points, config)
+        figures[name]['points'] = point_figures(points, scores[name])
+        columns[name] |= {
             'points: area under ROC': f'{scores[name].counts.roc_area():.4f}',
             'points: log-loss': f'{scores[name].log_loss.value:.4f}',
             'points: Brier': f'{scores[name].brier.value:.4f}',
@@ -181,14 +181,13 @@ def compared_by_beams(
         })  # fmt: skip
         what = f'log-likelihood of the beams that ended in {blocks.resolution_m:.2g} m'
         pictures.append(_wins(on_blocks.per_cell(gap, blocks), first, second, what))
-    curves = Picture(
-        reliability_png({name: one.reliability for name, one in scores.items()}),
-        'Reliability at points of held-out beams',
-    )
-    sections = [
-        ('Calibration at held-out points', [curves]),
-        ('Where one predicts held-out beams better', pictures),
-    ]
+    sections = [('Where one predicts held-out beams better', pictures)]
+    if scores:
+        curves = Picture(
+            reliability_png({name: one.reliability for name, one in scores.items()}),
+            'Reliability at points of held-out beams',
+        )
+        sections.insert(0, ('Calibration at held-out points', [curves]))
     settings = {**beam_settings(choice, placing, sampler), **flatten(point_choice)}
     common = read_figures(options, bag, beams)
     return Compared(figures, columns, common, differences, sections, settings)

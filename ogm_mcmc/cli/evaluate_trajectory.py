@@ -36,7 +36,7 @@ def add_trajectory_judges(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group('judges of poses')
     group.add_argument(
         '--estimate', type=Path, metavar='FILE',
-        help='poses to be judged, as TUM, EuRoC, KITTI or g2o; default: NAME_trajectory.txt '
+        help='poses to be judged, as TUM or EuRoC; default: NAME_trajectory.txt '
         'beside MAP. Standard deviations are read from NAME_deviations.csv beside it',
     )  # fmt: skip
     group.add_argument(

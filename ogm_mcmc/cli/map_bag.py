@@ -24,7 +24,7 @@ from ogm_mcmc.engine.no_returns import NoReturns, NoReturnWatch
 from ogm_mcmc.engine.saved_map import MapToSave, replacing_map
 from ogm_mcmc.errors import GridError
 from ogm_mcmc.files.output_files import checked_name, makeable_folder
-from ogm_mcmc.io.map_files import save_npz, table_file
+from ogm_mcmc.io.map_files import points_file, save_npz, table_file
 from ogm_mcmc.io.point_files import read_points, write_prediction
 from ogm_mcmc.mapping import predictor
 from ogm_mcmc.pipeline import MappingPipeline
@@ -77,7 +77,7 @@ def run(options: argparse.Namespace) -> int:
         table: table_file(options.name, table) for table in saved.extras.tables
     }
     if points is not None:
-        files['points'] = f'{options.name}_points.csv'
+        files['points'] = points_file(options.name)
     result: dict[str, Any] = {
         'bag': str(options.bag),
         'scan_topic': topics.scan_names,

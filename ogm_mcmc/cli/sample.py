@@ -164,12 +164,12 @@ def _run(
     with interruptible() as interrupted:
         try:
             progress = sample(refinement, chosen.stop, interrupted, state.round_done)
+            maps = _draw(refinement, options, interrupted)
         except Exception:
             # Between rounds chains on other machines stand here, whatever became of those.
             if executor is not None:
                 state.rescue()
             raise
-        maps = _draw(refinement, options, interrupted)
     result = {
         **_read(options, bag),
         **_sampled(refinement, progress, chosen.stop, resumed, recording),

@@ -56,11 +56,12 @@ def write_all(
         paths['samples'] = folder / f'{name}_samples.npz'
     trajectory = folder / f'{name}_trajectory.txt'
     of_poses = {'trajectory': trajectory, 'deviations': deviations_file(trajectory)}
+    perhaps = {**of_poses, 'samples': folder / f'{name}_samples.npz'}
     if sampled.trajectory is not None:
         paths['trajectory'] = trajectory
         if sampled.trajectory.beliefs[0].covariance is not None:
             paths['deviations'] = of_poses['deviations']
-    gone = [path.name for kind, path in of_poses.items() if kind not in paths]
+    gone = [path.name for kind, path in perhaps.items() if kind not in paths]
     files = {kind: str(path) for kind, path in paths.items()}
     shape = {
         'width': mean.spec.width,

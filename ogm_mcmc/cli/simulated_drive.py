@@ -102,6 +102,11 @@ def driven(
         )
     exploration = exploration_from(options, lidar.range_max_m, world.spec.resolution_m)
     tour = tour_of(world, explore(world, exploration, rng))
+    if len(tour) < 2:
+        raise ConfigError(
+            f'{options.world}: seen from one place: expected a world to drive in, or more '
+            '--max-scans'
+        )
     grid, depth = world, options.depth
     return drive(
         lambda pose: grid.ranges(pose, bearings, lidar.range_max_m, depth),

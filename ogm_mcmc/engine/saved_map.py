@@ -11,7 +11,7 @@ import numpy as np
 from ogm_mcmc.config import OutputConfig, flatten
 from ogm_mcmc.files.output_files import replacing_set
 from ogm_mcmc.geometry import GridMap
-from ogm_mcmc.io.map_files import table_file, write_map, write_tables
+from ogm_mcmc.io.map_files import points_file, table_file, write_map, write_tables
 from ogm_mcmc.mapping import Extras, all_tables
 from ogm_mcmc.pipeline import MappingPipeline
 
@@ -44,10 +44,11 @@ def replacing_map(
     """Write NAME.pgm, .yaml and .png and the tables of the method in place of an old set.
 
     Yields the folder of the new files before they take their places, so that more may be added.
-    Tables that another method left under this name go. Raises OutputError.
+    Tables that another method left under this name go, and points of another map. Raises
+    OutputError.
     """
-    stale = sorted(all_tables() - set(saved.extras.tables))
-    with replacing_set(folder, name, [table_file(name, table) for table in stale]) as scratch:
+    stale = [table_file(name, one) for one in sorted(all_tables() - set(saved.extras.tables))]
+    with replacing_set(folder, name, [*stale, points_file(name)]) as scratch:
         write_map(saved.grid_map, scratch, output, name)
         write_tables(saved.extras.tables, saved.settings, scratch, name)
         yield scratch

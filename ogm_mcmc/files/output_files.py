@@ -81,7 +81,7 @@ def replacing_set(folder: Path, name: str, without: Sequence[str] = ()) -> Itera
                 os.replace(scratch / one, folder / one)
         if described in made:
             _switch(scratch, folder, described, image)
-        for one in without:
+        for one in set(without) - set(made):
             (folder / one).unlink(missing_ok=True)
         _write_through(folder)
 

@@ -39,6 +39,7 @@ __all__ = [
     'load_grid',
     'load_map',
     'load_npz',
+    'points_file',
     'save_map',
     'save_npz',
     'table_file',
@@ -124,6 +125,11 @@ def save_npz(
 def table_file(name: str, table: str) -> str:
     """Return the file name of a table (`mapping.Extras`) that belongs to the map `name`."""
     return f'{name}_{table}.npz'
+
+
+def points_file(name: str) -> str:
+    """Return the file name of what a method says of points, beside the map `name`."""
+    return f'{name}_points.csv'
 
 
 def write_tables(

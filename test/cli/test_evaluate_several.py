@@ -55,8 +55,10 @@ def asked(capsys, *arguments):
 
 def test_against_truth_and_beams(theirs, capsys):
     judges = ('--truth', 'truth.yaml', '--beams', 'bag', '--point-step', '0.1')
-    result = asked(capsys, 'ours=good.npz', 'raw=raw.yaml', 'poor.npy', *judges)
+    result = asked(capsys, 'ours=good.npz', 'raw=raw.yaml', 'poor.npy', *judges, '--points')
     assert list(result['maps']) == ['ours', 'raw', 'poor']
+    without = asked(capsys, 'ours=good.npz', 'raw=raw.yaml', *judges)
+    assert 'points' not in without['maps']['ours']['beams']
     singles = [
         asked(capsys, name, *judges, '--points') for name in ('good.npz', 'raw.yaml', 'poor.npy')
     ]
