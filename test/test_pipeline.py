@@ -31,7 +31,7 @@ from ogm_mcmc.pipeline import MappingPipeline, warm_up
 KINDS = [
     ('', OutputConfig()),
     ('', OutputConfig(output='trinary', occupied_thresh=0.7, free_thresh=0.3)),
-    ('entropy', OutputConfig()),
+    ('entropy', OutputConfig(output='probability')),
 ]
 every_kind = pytest.mark.parametrize(('kind', 'output'), KINDS, ids=['percent', 'three', 'bits'])
 

@@ -98,6 +98,7 @@ def test_defaults_are_what_users_were_told():
         'pose_uncertain.samples': 100,
         'pose_uncertain.accuracy': 0.0,
         'pose_uncertain.negligible': 0.001,
+        'pose_uncertain.max_particles': 200,
         'pose_uncertain.draw': 'quasi',
         'pose_uncertain.seed': 1,
         'counting.show': 'reflection',

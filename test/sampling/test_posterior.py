@@ -15,6 +15,7 @@ from ogm_mcmc.sampling import CellModel, PosteriorSampler, RayWindow, over_dispe
 from ogm_mcmc.sampling.patch_gibbs import PatchModel
 from ogm_mcmc.sampling.patch_prior import make_table
 from ogm_mcmc.sampling.posterior import ARRIVES, forgotten
+from ogm_mcmc.sampling.ray_index_kernels import WIDTH
 
 approx = pytest.approx
 
@@ -245,7 +246,7 @@ def test_saved_chains_go_on_as_if_nothing_had_happened(tmp_path, sweeps):
 def patch_model():
     cell_model = small_model()
     table = make_table('uniform', 9, p_occupied=0.3)
-    width = int(np.abs(cell_model.index.up).max())
+    width = int(cell_model.index.grid[WIDTH])
     return PatchModel(cell_model.index, width, table, margin=1, flip_cells=True)
 
 
