@@ -107,6 +107,9 @@ class OnlineMapper(ManagedNode):
         self.maps.mark(changed)
         self._remark_on_cloud(placed)
         if self.kept is not None:
+            # A cloud of particles for each scan would outgrow what `keep_scans_mb` counts.
+            if not uses_covariance(self.pipeline.config.method):
+                placed = placed._replace(belief=placed.belief._replace(particles=None))
             self.kept.add(placed)
 
     def _remark_on_cloud(self, placed: PlacedScan) -> None:

@@ -4,6 +4,7 @@ import importlib.util
 import math
 import time
 
+import numpy as np
 import pytest
 
 pytest.importorskip('rclpy', reason='rclpy is not installed: no ROS tests')
@@ -12,8 +13,10 @@ from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 from rclpy.parameter import Parameter
 from support.local_ros import Logs, local_node, odometry, pose, scan
+from support.strategies import fan
 
 from ogm_mcmc.errors import ConfigError
+from ogm_mcmc.geometry import PlacedScan, PoseBelief, PoseSamples
 from ogm_mcmc.ros.online_mapper import OnlineMapper
 from ogm_mcmc.ros.refine_server import CORRECTING_S, RefineServer
 
@@ -74,6 +77,18 @@ def test_the_live_map_is_made_anew_and_swapped_in():
         values = node._kept_values()
         assert values['scans placed anew by it'] == SCANS - 2
         assert values['scans kept for corrections'] == SCANS
+
+
+@pytest.mark.parametrize(('method', 'kept'), [('two_assumption', False), ('pose_uncertain', True)])
+def test_clouds_are_kept_only_for_methods_that_look_at_them(method, kept):
+    cloud = PoseSamples.checked(np.array([[0.0, 0.0, 0.0], [0.02, 0.0, 0.0]]))
+    belief = PoseBelief(cloud.mean(), cloud.covariance(), cloud)
+    chosen = parameters(keep_scans=True, resolution=0.1, method=method)
+    with local_node(OnlineMapper, parameter_overrides=chosen) as node:
+        node.map_scan(PlacedScan(fan(1.0), belief))
+        (placed,) = node.kept.recording.snapshot()
+        assert (placed.belief.particles is not None) == kept
+        assert placed.belief.covariance is not None
 
 
 def test_a_mapper_that_keeps_no_scans_says_so():
