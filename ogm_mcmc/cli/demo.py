@@ -284,7 +284,7 @@ def _caption(options: argparse.Namespace, report: dict[str, Any], figures: dict[
     agree = (
         'the chains do not agree everywhere yet'
         if figures['r_hat'] is None
-        else f'99 % of the cells have R-hat below {figures["r_hat"]:.2f}'
+        else f'99 % of the cells have R-hat at most {figures["r_hat"]:.2f}'
     )
     return (
         f'{options.input.name if options.input else "Simulated office"}: '

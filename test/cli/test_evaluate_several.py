@@ -84,7 +84,7 @@ def test_against_truth_and_beams(theirs, capsys):
 
 def test_table_and_page(theirs, capsys):
     arguments = ('ours=good.npz', 'theirs=poor.npy', '--truth', 'truth.yaml', '--beams', 'bag')
-    assert run(['evaluate', *arguments, '-o', 'out']) == 0
+    assert run(['evaluate', *arguments, '--points', '-o', 'out']) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].split()[0] == 'map'
     assert [line.split()[0] for line in lines[1:3]] == ['ours', 'theirs']
