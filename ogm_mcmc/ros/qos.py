@@ -2,7 +2,19 @@
 
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-__all__ = ['LATCHED', 'LATEST', 'POSES', 'QUESTIONS', 'SENSOR', 'TF', 'TF_STATIC', 'best_effort']
+from ogm_mcmc.io.bags import Offer
+
+__all__ = [
+    'LATCHED',
+    'LATEST',
+    'POSES',
+    'QUESTIONS',
+    'SENSOR',
+    'TF',
+    'TF_STATIC',
+    'best_effort',
+    'recorded_profile',
+]
 
 
 def best_effort(depth: int) -> QoSProfile:
@@ -36,3 +48,21 @@ LATCHED = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
+
+# Of what a recording does not say.
+DEFAULT_DEPTH = 100
+
+
+def recorded_profile(name: str, offer: Offer) -> QoSProfile:
+    """Return the profile to publish a topic of a recording with: that of what offered it."""
+    # Old recordings do not say what was latched; of these two everybody knows.
+    latched = offer.latched or name.endswith(('/tf_static', '/map'))
+    depth = offer.depth if offer.latched else DEFAULT_DEPTH
+    best_effort = offer.best_effort and not latched
+    if name.endswith('/tf_static'):
+        depth = max(depth, DEFAULT_DEPTH)  # one publisher for the transforms of many
+    return QoSProfile(
+        depth=depth,
+        reliability=(ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE),
+        durability=(DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE),
+    )

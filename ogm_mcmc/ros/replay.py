@@ -18,7 +18,6 @@ from rclpy.exceptions import NameValidationException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.utilities import remove_ros_args
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool
@@ -28,13 +27,14 @@ from ogm_mcmc.config import add_arguments, given
 from ogm_mcmc.config.nodes import ReplayConfig
 from ogm_mcmc.errors import BagError, ConfigError
 from ogm_mcmc.files.user_paths import user_path
-from ogm_mcmc.io.bags import BagReader, BagRecord, BagTopic, Offer
+from ogm_mcmc.io.bags import BagReader, BagRecord, BagTopic
 from ogm_mcmc.io.messages import time_parts
 from ogm_mcmc.io.tf_messages import TF_TYPES
 from ogm_mcmc.ros.computed_poses import TOPIC as POSE_TOPIC
 from ogm_mcmc.ros.computed_poses import ComputedPoses, computed_poses
 from ogm_mcmc.ros.pacing import Pacer
 from ogm_mcmc.ros.parameters import ParameterSet
+from ogm_mcmc.ros.qos import recorded_profile
 from ogm_mcmc.ros.running import StopSignal, ros_args_explained, run_node
 
 __all__ = ['Replay', 'main', 'replay']
@@ -44,9 +44,6 @@ CLOCK_PERIOD_S = 0.01
 
 # Stamps further apart are a stray one or another clock: nobody waits for that.
 LONGEST_GAP_S = 60.0
-
-# Of what a recording does not say.
-DEFAULT_DEPTH = 100
 
 LATEST_S = 2**31 - 1  # what a time message holds
 
@@ -185,7 +182,7 @@ class Replay(Node):
             name = renamed.get(topic.name.lstrip('/'), topic.name.lstrip('/'))
             try:
                 outlet = self.create_publisher(
-                    message_class, name, _profile(topic.name, bag.offer(topic.name))
+                    message_class, name, recorded_profile(topic.name, bag.offer(topic.name))
                 )
             except (NameValidationException, RCLError) as error:
                 reason = ' '.join(str(error).split())
@@ -322,20 +319,6 @@ def _remaps(text: str) -> dict[str, str]:
             raise ConfigError(f'remap is {rule!r}: expected OLD=NEW')
         remaps[old.lstrip('/')] = new
     return remaps
-
-
-def _profile(name: str, offer: Offer) -> QoSProfile:
-    # Old recordings do not say what was latched; of these two everybody knows.
-    latched = offer.latched or name.endswith(('/tf_static', '/map'))
-    depth = offer.depth if offer.latched else DEFAULT_DEPTH
-    best_effort = offer.best_effort and not latched
-    if name.endswith('/tf_static'):
-        depth = max(depth, DEFAULT_DEPTH)  # one publisher for the transforms of many
-    return QoSProfile(
-        depth=depth,
-        reliability=(ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE),
-        durability=(DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE),
-    )
 
 
 def _spin_while_playing(node: Replay, told: StopSignal) -> None:

@@ -30,7 +30,7 @@ from support.ros import NodeProcess, Observer
 
 from ogm_mcmc.io import ros_types
 from ogm_mcmc.io.bags import BagReader, Offer, typestore
-from ogm_mcmc.ros.replay import _profile
+from ogm_mcmc.ros.qos import recorded_profile
 
 pytestmark = [pytest.mark.ros]
 
@@ -217,7 +217,7 @@ def test_topics_are_offered_as_they_were(tmp_path, latched, best_effort, depth):
         hello = store.types['std_msgs/msg/String']('hello')
         writer.write(connection, 1, store.serialize_cdr(hello, 'std_msgs/msg/String'))
     with BagReader(tmp_path / 'bag') as reader:
-        profile = _profile('/text', reader.offer('/text'))
+        profile = recorded_profile('/text', reader.offer('/text'))
     assert (profile.durability == DurabilityPolicy.TRANSIENT_LOCAL) == latched
     assert (profile.reliability == ReliabilityPolicy.BEST_EFFORT) == best_effort
     assert profile.depth == depth
@@ -225,11 +225,11 @@ def test_topics_are_offered_as_they_were(tmp_path, latched, best_effort, depth):
 
 def test_the_known_latched_topics_of_old_recordings():
     for name in ('/tf_static', '/robot/map'):
-        profile = _profile(name, Offer())
+        profile = recorded_profile(name, Offer())
         assert profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
         assert profile.depth == 100
-    assert _profile('/tf_static', Offer(latched=True, depth=1)).depth == 100
-    assert _profile('/map', Offer(latched=True, depth=1)).depth == 1
+    assert recorded_profile('/tf_static', Offer(latched=True, depth=1)).depth == 100
+    assert recorded_profile('/map', Offer(latched=True, depth=1)).depth == 1
 
 
 def test_nothing_left_to_send(tmp_path):

@@ -18,18 +18,18 @@ from ogm_mcmc.arrays import Float64Array
 from ogm_mcmc.config import MapperConfig, TrajectoryConfig
 from ogm_mcmc.engine.joint_poses import PoseRefinement
 from ogm_mcmc.engine.live_map import map_of
-from ogm_mcmc.evaluation import aligned, confusion_counts
+from ogm_mcmc.evaluation import aligned
 from ogm_mcmc.evaluation.trajectories import absolute_errors, coverage
 from ogm_mcmc.geometry import GridMap, PlacedScan
 from ogm_mcmc.lab.experiments.datasets import run_all
 from ogm_mcmc.lab.experiments.hundred_sets import set_names
 from ogm_mcmc.lab.experiments.pose_sim import (
     FILTERS,
-    THRESHOLDS,
     likeliest,
     localized,
     mapper_config,
     pooled,
+    threshold_counts,
 )
 from ogm_mcmc.lab.experiments.results import row
 from ogm_mcmc.simulation import GridWorld, LocalizedScan, generate_floor
@@ -125,13 +125,7 @@ def _counts(
     methods = {}
     for name, found in values.items():
         probability = np.nan_to_num(found[counted], nan=0.5).astype(np.float64)
-        counts = confusion_counts(probability, occupied, THRESHOLDS)
-        methods[name] = {
-            'true_positives': counts.true_positives.astype(int).tolist(),
-            'false_positives': counts.false_positives.astype(int).tolist(),
-            'positives': counts.positives,
-            'negatives': counts.negatives,
-        }
+        methods[name] = threshold_counts(probability, occupied)
     return methods
 
 

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from ogm_mcmc.arrays import AnyArray, Float32Array, Float64Array
+from ogm_mcmc.arrays import AnyArray, BoolArray, Float32Array, Float64Array
 from ogm_mcmc.config import GaussianModelConfig, MapperConfig, StepModelConfig
 from ogm_mcmc.engine.live_map import map_of
 from ogm_mcmc.evaluation import (
@@ -57,6 +57,7 @@ __all__ = [
     'pooled',
     'run',
     'score',
+    'threshold_counts',
 ]
 
 BEAMS, REACH_M, NOISE_M, CELL_M = 360, 7.5, 0.03, 0.1
@@ -191,12 +192,8 @@ def score(building: int, run: int, which: str, seed: int) -> dict[str, Any]:
     methods = {}
     for name, found in maps.items():
         probability = np.nan_to_num(found[counted], nan=0.5).astype(np.float64)
-        counts = confusion_counts(probability, occupied, THRESHOLDS)
         methods[name] = {
-            'true_positives': counts.true_positives.astype(int).tolist(),
-            'false_positives': counts.false_positives.astype(int).tolist(),
-            'positives': counts.positives,
-            'negatives': counts.negatives,
+            **threshold_counts(probability, occupied),
             'brier': float(brier_score(probability, occupied)),
         }
     errors = [_apart(likeliest(one.placed.belief), one.truth) for one in scans]
@@ -206,6 +203,17 @@ def score(building: int, run: int, which: str, seed: int) -> dict[str, Any]:
         'error_m': float(np.sqrt(np.mean(np.square(errors)))),
         'claimed_m': float(np.sqrt(np.mean(np.square(claimed)))),
         'scans': len(scans),
+    }
+
+
+def threshold_counts(probability: Float64Array, occupied: BoolArray) -> dict[str, Any]:
+    """Return what `pooled` takes of a map: counts at `THRESHOLDS` of cells (N,) that count."""
+    counts = confusion_counts(probability, occupied, THRESHOLDS)
+    return {
+        'true_positives': counts.true_positives.astype(int).tolist(),
+        'false_positives': counts.false_positives.astype(int).tolist(),
+        'positives': counts.positives,
+        'negatives': counts.negatives,
     }
 
 
