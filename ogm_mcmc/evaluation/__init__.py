@@ -1,6 +1,6 @@
 """How good a map is: against the truth, against another map, against beams it has not seen.
 
-Three questions, three kinds of answers:
+Four questions, four kinds of answers:
 
 - Is the map right? Divergence from the truth ([gibbs] section IV), precision, recall and F1 over
   thresholds ([patch] section IV), ROC curve, distance of drawn walls to true ones.
@@ -9,6 +9,7 @@ Three questions, three kinds of answers:
 - What does it predict? Log-likelihood of held-out beams, which needs no truth at all; entropy
   and the information a scan from somewhere is expected to give. How likely a way is blocked is
   asked of map samples (`collision_risk`).
+- What is it good for? `scan_fit` weighs poses by scans with what a map offers, for localizing.
 
 Everything takes plain arrays or a `GridMap`; unknown cells are nan, and the caller says what
 they stand for. Counts and bins of several maps add up (`pooled`). `compare` computes all figures
@@ -51,20 +52,32 @@ from ogm_mcmc.evaluation.held_out_points import (
 )
 from ogm_mcmc.evaluation.information import expected_information_gain
 from ogm_mcmc.evaluation.masks import MASKS, cells_that_count, near
+from ogm_mcmc.evaluation.scan_fit import (
+    AmclNumbers,
+    CastBeams,
+    LikelihoodField,
+    ProbabilityBeams,
+    SampleBeams,
+)
 
 __all__ = [
     'LEAVING',
     'MASKS',
+    'AmclNumbers',
+    'CastBeams',
     'Comparison',
     'DistanceError',
     'Divergence',
     'FirstHits',
     'HeldOutBeams',
     'HeldOutPoints',
+    'LikelihoodField',
     'LogDensity',
     'PointScores',
+    'ProbabilityBeams',
     'Ratio',
     'Reliability',
+    'SampleBeams',
     'SampleBits',
     'Scores',
     'ThresholdCounts',

@@ -21,6 +21,8 @@ from ogm_mcmc.simulation.localization import (
     LocalizedScan,
     ParticleFilter,
     ParticleFilterSettings,
+    ScanFit,
+    WorldFit,
     record_localized,
 )
 from ogm_mcmc.simulation.odometry import Motion, OdometryNoise, motion_between
@@ -49,8 +51,10 @@ __all__ = [
     'OdometryNoise',
     'ParticleFilter',
     'ParticleFilterSettings',
+    'ScanFit',
     'SonarRing',
     'Stop',
+    'WorldFit',
     'drive',
     'explore',
     'generate_floor',

@@ -1,14 +1,15 @@
 """A robot that does not know where it is: odometry, a particle filter, real particle beliefs.
 
-The filter knows the true map, as amcl does: [pose] assumes that "a SLAM system is in place and
-outputs at every time step a distribution describing the robot's estimated pose". Particles move
-with the noise of the odometry and are weighted by the ranges they should have measured in the
-map, cast exactly. Beams of one scan are no independent witnesses (they share the errors of map
-and pose), so only some are used and their log-likelihood counts by a power below 1. With 0.1 of
-60 beams the beliefs are honest, if a little shy: errors of 2 to 3 cm where they claim 3 to 4,
-normalised squared errors of 1 on average where 3 would be exact (buildings 2 and 8, range noise 3
-and 30 cm). With 0.3 they are smaller, but now and then one particle is left and all wrong: 4 to
-19 on average.
+Particles move with the noise of the odometry and are weighted by how well a scan fits at each of
+them (`ScanFit`). The filter of `record_localized` knows the true map (`WorldFit`), for [pose]
+assumes that "a SLAM system is in place and outputs at every time step a distribution describing
+the robot's estimated pose"; `evaluation.scan_fit` has what reads a map that was made.
+
+Beams of one scan are no independent witnesses (they share the errors of map and pose), so only
+some are used and their log-likelihood counts by a power below 1. With 0.1 of 60 beams the beliefs
+are honest, if a little shy: errors of 2 to 3 cm where they claim 3 to 4, normalised squared errors
+of 1 on average where 3 would be exact (buildings 2 and 8, range noise 3 and 30 cm). With 0.3 they
+are smaller, but now and then one particle is left and all wrong: 4 to 19 on average.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -30,7 +31,14 @@ from ogm_mcmc.simulation.localization_kernels import scan_log_likelihoods
 from ogm_mcmc.simulation.odometry import Motion, OdometryNoise, motion_between
 from ogm_mcmc.simulation.recording import SPEED_M_S, STANDING_S, START_NS
 
-__all__ = ['LocalizedScan', 'ParticleFilter', 'ParticleFilterSettings', 'record_localized']
+__all__ = [
+    'LocalizedScan',
+    'ParticleFilter',
+    'ParticleFilterSettings',
+    'ScanFit',
+    'WorldFit',
+    'record_localized',
+]
 
 # The robot goes straight for so many cells at a time.
 LEG_CELLS = 8
@@ -60,11 +68,58 @@ class ParticleFilterSettings:
             require(0.0 < value < 0.5, name, value, 'expected between 0 and 0.5')
 
 
-@dataclass
-class ParticleFilter:
-    """Monte Carlo localization in a grid: `move`, then `weigh` with a scan, again and again."""
+class ScanFit(Protocol):
+    """How well a scan fits in a map, at many poses of the sensor at once."""
+
+    def log_likelihoods(
+        self, poses: Float64Array, bearings: Float64Array, ranges: Float64Array, reach: float
+    ) -> Float64Array:
+        """Log-likelihoods (M,), nats, at poses (M, 3), m, m, rad.
+
+        bearings, ranges  (B,) rad and m, informative beams; inf: no return; reach  range_max, m
+        """
+        ...
+
+
+class WorldFit(NamedTuple):
+    """Ranges cast exactly in a known world: hits, clutter, missing returns; see the kernel."""
 
     world: GridWorld
+    sigma_m: float
+    clutter: float
+    missing: float
+    depth: float = 0.5
+
+    def log_likelihoods(
+        self, poses: Float64Array, bearings: Float64Array, ranges: Float64Array, reach: float
+    ) -> Float64Array:
+        """See `ScanFit`."""
+        spec = self.world.spec
+        cells_per_m = 1.0 / spec.resolution_m
+        placed = poses.copy()
+        placed[:, 0] = (placed[:, 0] - spec.origin_x_m) * cells_per_m
+        placed[:, 1] = (placed[:, 1] - spec.origin_y_m) * cells_per_m
+        log_likelihoods = np.empty(len(poses))
+        scan_log_likelihoods(
+            self.world.occupied,
+            placed,
+            bearings,
+            ranges * cells_per_m,
+            reach * cells_per_m,
+            self.depth,
+            self.sigma_m * cells_per_m,
+            self.clutter,
+            self.missing,
+            log_likelihoods,
+        )
+        return log_likelihoods
+
+
+@dataclass
+class ParticleFilter:
+    """Monte Carlo localization: `move`, then `weigh` with a scan, again and again."""
+
+    fit: ScanFit
     settings: ParticleFilterSettings
     noise: OdometryNoise
     rng: np.random.Generator
@@ -92,28 +147,15 @@ class ParticleFilter:
         self.poses[:, 1] += way * np.sin(heading)
         self.poses[:, 2] = heading + after
 
-    def weigh(self, scan: Scan, depth: float = 0.5) -> None:
+    def weigh(self, scan: Scan) -> None:
         """Weigh the particles by how well a scan fits."""
-        s, spec = self.settings, self.world.spec
+        s = self.settings
         chosen = self._chosen_beams(scan)
         if chosen.size == 0:
             return
-        cells_per_m = 1.0 / spec.resolution_m
-        placed = self.poses.copy()
-        placed[:, 0] = (placed[:, 0] - spec.origin_x_m) * cells_per_m
-        placed[:, 1] = (placed[:, 1] - spec.origin_y_m) * cells_per_m
-        log_likelihoods = np.empty(self.weights.size)
-        scan_log_likelihoods(
-            self.world.occupied,
-            placed,
-            scan.bearings()[chosen],
-            scan.ranges_m[chosen].astype(np.float64) * cells_per_m,
-            scan.range_max_m * cells_per_m,
-            depth,
-            s.sigma_m * cells_per_m,
-            s.clutter,
-            s.missing,
-            log_likelihoods,
+        ranges = scan.ranges_m[chosen].astype(np.float64)
+        log_likelihoods = self.fit.log_likelihoods(
+            self.poses, scan.bearings()[chosen], ranges, scan.range_max_m
         )
         log_weights = np.log(self.weights) + s.power * log_likelihoods
         self.weights = np.exp(log_weights - log_weights.max())
@@ -174,7 +216,8 @@ def record_localized(
     scan_noise, wheel_noise, filter_noise, underway_noise = rng.spawn(4)
     noise = noise or OdometryNoise()
     settings = settings or ParticleFilterSettings(sigma_m=max(0.2, lidar.noise_m))
-    particle_filter = ParticleFilter(world, settings, noise, filter_noise)
+    fit = WorldFit(world, settings.sigma_m, settings.clutter, settings.missing, depth)
+    particle_filter = ParticleFilter(fit, settings, noise, filter_noise)
     bearings, time_s = lidar.bearings(), 0.0
     before: Pose2D | None = None
     odometry = Pose2D()
@@ -192,12 +235,12 @@ def record_localized(
                     break
                 exact = world.ranges(there, bearings, lidar.range_max_m, depth)
                 particle_filter.weigh(
-                    lidar.scan(lidar.observe(exact, underway_noise), 0, frame_id), depth
+                    lidar.scan(lidar.observe(exact, underway_noise), 0, frame_id)
                 )
         exact = world.ranges(stop.pose, bearings, lidar.range_max_m, depth)
         stamp_ns = START_NS + round(time_s * 1e9)
         scan = lidar.scan(lidar.observe(exact, scan_noise), stamp_ns, frame_id)
-        particle_filter.weigh(scan, depth)
+        particle_filter.weigh(scan)
         yield LocalizedScan(PlacedScan(scan, particle_filter.belief()), stop.pose, odometry)
         before = stop.pose
 

@@ -15,6 +15,7 @@ from ogm_mcmc.simulation import (
     OdometryNoise,
     ParticleFilter,
     ParticleFilterSettings,
+    WorldFit,
     generate_floor,
     motion_between,
     record_exploration,
@@ -75,10 +76,10 @@ def test_likelihood_of_a_scan_beam_by_beam():
 
 
 def test_resampling_keeps_the_belief():
-    world = generate_floor(10)
     settings = ParticleFilterSettings(particles=4000)
     still = OdometryNoise(0.0, 0.0, 0.0, 0.0)
-    pf = ParticleFilter(world, settings, still, np.random.default_rng(4))
+    fit = WorldFit(generate_floor(10), 0.2, 0.05, 0.05)
+    pf = ParticleFilter(fit, settings, still, np.random.default_rng(4))
     pf.start(Pose2D(20.0, 20.0))
     pf.weights = np.exp(-20.0 * (pf.poses[:, 0] - 20.1) ** 2 / 0.01)
     pf.weights /= pf.weights.sum()
