@@ -10,7 +10,9 @@ or where a chain stands (`ChainState`: its map, counts and random generator) and
 do. Dask gives the task of a lost worker to another one, which finds what the first would have
 found, bit for bit. What a worker keeps is the ray index of the last window, built from the scans
 when the first chain comes by; another worker builds it again. Between rounds the chains stand
-where the command runs, so R-hat is of all chains, and an interrupted run can be saved.
+where the command runs, so R-hat is of all chains, and an interrupted run can be saved. The scans
+go to every worker once, packed (`parcels`); were they gone with all workers that had them, they
+would be sent again.
 
 Consequence. Every round ships a chain's counts both ways (32 bytes per sampled cell), so rounds
 last seconds, not tenths. The result is that of local chains with the same seed.
@@ -21,11 +23,10 @@ from __future__ import annotations
 import asyncio
 import copy
 import hashlib
-import pickle
 import tempfile
 import threading
 from collections.abc import Iterator, Sequence
-from concurrent.futures import CancelledError, Executor
+from concurrent.futures import CancelledError, Executor, Future
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -40,10 +41,11 @@ from ogm_mcmc.engine.refinement import Refinement
 from ogm_mcmc.errors import ClusterError, ConfigError, PriorError, WindowError
 from ogm_mcmc.files.user_paths import user_path
 from ogm_mcmc.geometry import PlacedScan
+from ogm_mcmc.lab.parcels import pack, unpack
 from ogm_mcmc.sampling import PosteriorModel, PosteriorSampler
 from ogm_mcmc.sampling.diagnostics import BatchCounts
 
-__all__ = ['ChainState', 'advance_chain', 'connected', 'distribute']
+__all__ = ['ChainState', 'Workers', 'advance_chain', 'connected', 'distribute']
 
 ANSWER_S = 10.0
 WORKERS_S = 30.0
@@ -79,8 +81,7 @@ def connected(address: str) -> Iterator[Executor | None]:
         raise ClusterError(f'scheduler {address}: no answer; {EXPECTED}') from error
     try:
         _check_workers(client, address)
-        executor = client.get_executor(pure=False, retries=RETRIES)
-        yield executor
+        yield Workers(client)
     except KilledWorker as error:
         raise ClusterError(
             f'scheduler {address}: a task was lost with every worker that tried it '
@@ -92,6 +93,23 @@ def connected(address: str) -> Iterator[Executor | None]:
         ) from error
     finally:
         client.close()
+
+
+class Workers(Executor):
+    """The workers of a Dask cluster, `client` its client."""
+
+    def __init__(self, client: Any) -> None:
+        self.client = client
+        self._pool = client.get_executor(pure=False, retries=RETRIES)
+
+    def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Let any worker do it; a worker that is lost costs nothing."""
+        done: Future[Any] = self._pool.submit(fn, *args, **kwargs)
+        return done
+
+    def share(self, data: bytes) -> Any:
+        """Send something to every worker, once; return what stands for it in tasks."""
+        return self.client.scatter(data, broadcast=True, hash=False)
 
 
 def _check_address(address: str) -> None:
@@ -169,12 +187,11 @@ class ChainState(NamedTuple):
 
 
 class Problem(NamedTuple):
-    """What a worker builds a model from: `content` pickled, `token` its digest.
+    """What a worker builds a model from: `token` is the digest of its parcel.
 
     `n_rays` and `n_cells` are those of the window at home.
     """
 
-    content: bytes
     token: str
     n_rays: int
     n_cells: int
@@ -192,8 +209,9 @@ def distribute(refinement: Refinement, scans: Sequence[PlacedScan], executor: Ex
     config = refinement.config
     # The sensor's numbers are those found here: a worker does not look for others.
     config = replace(config, model=refinement.model, chain=replace(config.chain, sensor='given'))
-    problem = _problem(config, scans, here.model)
-    refinement.sampler = _DistantSampler(here, problem, executor)
+    parcel = pack_problem(config, scans)
+    problem = Problem(digest(parcel), here.model.index.n_rays, here.model.n_cells)
+    refinement.sampler = _DistantSampler(here, problem, parcel, executor)
 
 
 class _DistantSampler(PosteriorSampler):
@@ -201,25 +219,19 @@ class _DistantSampler(PosteriorSampler):
 
     round_s = 5.0
 
-    def __init__(self, here: PosteriorSampler, problem: Problem, executor: Executor) -> None:
+    def __init__(
+        self, here: PosteriorSampler, problem: Problem, parcel: bytes, executor: Executor
+    ) -> None:
         super().__init__(here.model, [], seed=0, burn_in=here.burn_in)
         self.rngs, self.states, self.counts = here.rngs, here.states, here.counts
         self.sweeps = here.sweeps
         self._problem, self._executor = problem, executor
+        self._parcel = parcel
+        self._shared: Any = None  # what stands for the parcel once it was sent
 
     def advance(self, n_sweeps: int) -> int:
         """Do so many sweeps in every chain; return the number of flips in all."""
-        futures = [
-            self._executor.submit(
-                advance_chain, self._problem, self._chain(j), self.burn_in, n_sweeps
-            )
-            for j in range(len(self.states))
-        ]
-        try:
-            results = [future.result() for future in futures]
-        finally:
-            for future in futures:
-                future.cancel()
+        results = self._sent(n_sweeps)
         for j, (chain, _) in enumerate(results):
             cells = np.unpackbits(chain.cells, count=self.model.n_cells)
             self.states[j] = self.model.start(cells)
@@ -227,16 +239,39 @@ class _DistantSampler(PosteriorSampler):
         self.sweeps += n_sweeps
         return sum(flips for _, flips in results)
 
+    def _sent(self, n_sweeps: int) -> list[tuple[ChainState, int]]:
+        """Let every chain be advanced; send the scans again if no worker has them any more."""
+        for left in reversed(range(RETRIES)):
+            if self._shared is None:
+                self._shared = share(self._executor, self._parcel)
+            futures = [
+                self._executor.submit(
+                    advance_chain, self._problem, self._shared, self._chain(j), self.burn_in,
+                    n_sweeps,
+                )
+                for j in range(len(self.states))
+            ]  # fmt: skip
+            try:
+                return [future.result() for future in futures]
+            except CancelledError:
+                if left == 0:
+                    raise
+                self._shared = None
+            finally:
+                for future in futures:
+                    future.cancel()
+        raise AssertionError
+
     def _chain(self, j: int) -> ChainState:
         cells = np.packbits(self.states[j].cells)
         return ChainState(cells, self.counts[j], self.rngs[j], self.sweeps)
 
 
 def advance_chain(
-    problem: Problem, chain: ChainState, burn_in: int, n_sweeps: int
+    problem: Problem, parcel: bytes, chain: ChainState, burn_in: int, n_sweeps: int
 ) -> tuple[ChainState, int]:
     """Return where a chain stands after so many sweeps more, and the number of flips."""
-    model = _model_of(problem)
+    model = _model_of(problem, parcel)
     sampler = PosteriorSampler(model, [], seed=0, burn_in=burn_in)
     sampler.sweeps = chain.sweeps
     sampler.states = [model.start(np.unpackbits(chain.cells, count=model.n_cells))]
@@ -247,42 +282,45 @@ def advance_chain(
     return ChainState(cells, sampler.counts[0], sampler.rngs[0], sampler.sweeps), flips
 
 
-def _problem(config: SamplerConfig, scans: Sequence[PlacedScan], model: PosteriorModel) -> Problem:
-    # Nothing is sampled from what is believed of a pose beyond its mean.
-    plain = [PlacedScan.at(one.scan, one.pose) for one in scans]
+def share(executor: Executor, data: bytes) -> Any:
+    """Return what stands for data in the tasks of an executor: sent once where that is known."""
+    return executor.share(data) if isinstance(executor, Workers) else data
+
+
+def pack_problem(config: SamplerConfig, scans: Sequence[PlacedScan]) -> bytes:
+    """Return everything that a window is built from; nothing of a belief but its mean."""
     file = config.patch.prior_file
     # It was read before, for the problem at home: what is wrong with it has been said.
     prior = user_path(file, 'patch.prior_file', PriorError).read_bytes() if file else None
-    content = pickle.dumps((config, plain, prior))
-    token = hashlib.sha256(content).hexdigest()
-    return Problem(content, token, model.index.n_rays, model.n_cells)
+    return pack(scans, (config, prior))
+
+
+def digest(parcel: bytes) -> str:
+    """Return what tells one parcel from another."""
+    return hashlib.sha256(parcel).hexdigest()
 
 
 _lock = threading.Lock()
 _models: dict[str, PosteriorModel] = {}
 
 
-def _model_of(problem: Problem) -> PosteriorModel:
+def _model_of(problem: Problem, parcel: bytes) -> PosteriorModel:
     """Return the model of a problem, built when it is first asked for in this process."""
     with _lock:
         model = _models.get(problem.token)
         if model is None:
             _models.clear()
-            model = _models[problem.token] = _built(problem)
+            model = _models[problem.token] = _built(problem, parcel)
     return model
 
 
-def _built(problem: Problem) -> PosteriorModel:
-    config, scans, prior = pickle.loads(problem.content)
-    if prior is None:
-        sampler = _taken(config, scans)
-    else:
-        with tempfile.TemporaryDirectory() as folder:
-            file = Path(folder) / 'prior.npz'
-            file.write_bytes(prior)
-            sampler = _taken(
-                replace(config, patch=replace(config.patch, prior_file=str(file))), scans
-            )
+def _built(problem: Problem, parcel: bytes) -> PosteriorModel:
+    scans, (config, prior) = unpack(parcel)
+    with prior_at_hand(config, prior) as here:
+        refinement = Refinement(here)
+        refinement.take(scans)
+    sampler = refinement.sampler
+    assert sampler is not None
     found = sampler.model.index.n_rays, sampler.model.n_cells
     if found != (problem.n_rays, problem.n_cells):
         raise WindowError(
@@ -292,8 +330,13 @@ def _built(problem: Problem) -> PosteriorModel:
     return sampler.model
 
 
-def _taken(config: SamplerConfig, scans: Sequence[PlacedScan]) -> PosteriorSampler:
-    refinement = Refinement(config)
-    refinement.take(scans)
-    assert refinement.sampler is not None
-    return refinement.sampler
+@contextmanager
+def prior_at_hand(config: SamplerConfig, prior: bytes | None) -> Iterator[SamplerConfig]:
+    """Give settings that name a file with this prior, where there is one."""
+    if prior is None:
+        yield config
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / 'prior.npz'
+        file.write_bytes(prior)
+        yield replace(config, patch=replace(config.patch, prior_file=str(file)))

@@ -1,7 +1,7 @@
 """Chains and data sets on a Dask cluster: what comes back is what local work gives."""
 
 import os
-from concurrent.futures import Executor, ThreadPoolExecutor
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -101,7 +101,7 @@ def test_any_executor_gives_what_local_chains_give(scans, local, monkeypatch):
     refinement.take(scans)
     built = []
     monkeypatch.setattr(cluster, '_models', {})
-    monkeypatch.setattr(cluster, '_built', lambda p, of=cluster._built: built.append(p) or of(p))
+    monkeypatch.setattr(cluster, '_built', lambda *p, of=cluster._built: built.append(p) or of(*p))
     with ThreadPoolExecutor(2) as executor:
         *_, last = sample_chains(refinement, scans, STOP, executor)
     assert (last.sweeps, last.counted, last.reason) == (120, 100, 'sweeps')
@@ -146,6 +146,40 @@ def test_other_scans_than_those_taken_are_noticed(scans):
         list(sample_chains(refinement, scans[:2], STOP, executor))
     with ThreadPoolExecutor(1) as executor, pytest.raises(WindowError, match='nothing to sample'):
         sample_chains(Refinement(config()), scans, STOP, executor)
+
+
+class Forgetful(cluster.Workers):
+    """Workers that have lost what was shared with them, the first time they are asked."""
+
+    def __init__(self, inner):
+        self.inner = inner
+        self.sent, self.given = [], []
+
+    def share(self, data):
+        self.sent.append(data)
+        return data
+
+    def submit(self, fn, *args, **kwargs):
+        self.given.append(args)
+        if len(self.given) == 1:
+            gone = Future()
+            gone.cancel()
+            return gone
+        return self.inner.submit(fn, *args, **kwargs)
+
+
+@pytest.mark.jit
+def test_scans_are_sent_once_and_again_when_all_have_lost_them(scans, local):
+    refinement = Refinement(config())
+    refinement.take(scans)
+    with ThreadPoolExecutor(2) as pool:
+        workers = Forgetful(pool)
+        list(sample_chains(refinement, scans, STOP, workers))
+    assert len(workers.sent) == 2
+    assert len(workers.given) > 6
+    assert all(len(problem.token) == 64 for problem, *_ in workers.given)
+    assert all(given[1] is workers.sent[0] for given in workers.given[:3])
+    same(refinement, local[0])
 
 
 @pytest.mark.jit
