@@ -33,6 +33,7 @@ from ogm_mcmc.lab.experiments import (
     joint_csail,
     joint_intel,
     joint_sim,
+    leaderboard,
     patch_hardware,
     patch_mutual_information,
     patch_sim,
@@ -63,6 +64,7 @@ EXPERIMENTS: dict[str, Run] = {
     'joint-csail': joint_csail.run,
     'joint-intel': joint_intel.run,
     'joint-sim': joint_sim.run,
+    'leaderboard': leaderboard.run,
     'patch-intel': patch_hardware.run_intel,
     'patch-mutual-information': patch_mutual_information.run,
     'patch-sim': patch_sim.run,
@@ -74,4 +76,12 @@ EXPERIMENTS: dict[str, Run] = {
 }
 
 # Those whose work goes through `run_all`. The others take seconds, or time what they do.
-SPREAD = ('gibbs-2d', 'joint-sim', 'patch-intel', 'patch-sim', 'patch-stata', 'pose-sim')
+SPREAD = (
+    'gibbs-2d',
+    'joint-sim',
+    'leaderboard',
+    'patch-intel',
+    'patch-sim',
+    'patch-stata',
+    'pose-sim',
+)

@@ -1,0 +1,218 @@
+"""Every mapper on recorded logs and generated buildings, at three densities of beams.
+
+Maps are made of even beams: all of them, every fourth, every twentieth. All odd beams judge, where
+the localizer was right (the truth of a building, the poses of a log). With joint poses, the even
+beams that are mapped also move the poses, and odd beams judge a log at these. Cells that a map
+does not know are occupied with the same probability, whoever made it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ogm_mcmc import __version__
+from ogm_mcmc.arrays import BoolArray, Float64Array
+from ogm_mcmc.config import ForwardModelConfig, MapperConfig, TrajectoryConfig
+from ogm_mcmc.engine.joint_poses import PoseRefinement
+from ogm_mcmc.engine.live_map import map_of
+from ogm_mcmc.evaluation import (
+    HeldOutBeams,
+    aligned,
+    beam_log_likelihood,
+    brier_score,
+    confusion_counts,
+    held_out_beams,
+    held_out_points,
+    probability_at,
+    reliability,
+    score_points,
+)
+from ogm_mcmc.files.output_files import replacing
+from ogm_mcmc.geometry import GridMap, PlacedScan, Scan
+from ogm_mcmc.lab.experiments.contests import LOGS, Contest, building_contest, log_contest
+from ogm_mcmc.lab.experiments.datasets import run_all
+from ogm_mcmc.lab.experiments.leaderboard_page import leaderboard_page
+from ogm_mcmc.lab.experiments.mappers import MAPPERS, WITH_JOINT_POSES, Mapped, Resources
+from ogm_mcmc.lab.experiments.results import row
+from ogm_mcmc.sensors.forward_model import ForwardModel
+
+__all__ = ['BASE', 'PERCENTS', 'judging_scans', 'run', 'score', 'thinned']
+
+PERCENTS = {100: 1, 25: 4, 5: 20}
+BUILDINGS = 10
+
+# What others are compared with, beam by beam.
+BASE = 'two_assumption'
+
+# Of a cell that a map does not know ([gibbs] section IV).
+UNKNOWN = 0.15
+JUDGE = ForwardModelConfig(sigma=0.05)
+POINT_STEP_M = 0.5
+
+NOTES = [
+    'Maps of even beams, odd beams judge. Differences are to `two_assumption` at the same poses, '
+    'paired beam by beam; their standard errors take scans as independent.',
+    'Joint poses of a log are judged where they are, so figures of fixed and joint poses speak of '
+    'maps with their poses. Buildings are judged at the true poses.',
+    'Time is of processors, without compiling; memory is the rise of the resident set.',
+]
+
+
+def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
+    """Map and judge everything; quick: Belgioioso and one building at the two lower densities."""
+    names = [*LOGS, *(f'building-{number}' for number in range(1, BUILDINGS + 1))]
+    percents = list(PERCENTS)
+    if quick:
+        names, percents = ['belgioioso', 'building-2'], percents[1:]
+    for name in names:
+        if name in LOGS:
+            LOGS[name].path()  # what is missing is said before hours have gone by
+    parts = run_all(
+        folder / 'datasets',
+        score,
+        {
+            f'{name}_{percent}_{poses}': {
+                'name': name,
+                'percent': percent,
+                'poses': poses,
+                'seed': seed,
+            }
+            for percent in percents
+            for name in names
+            for poses in ('fixed', 'joint')
+        },
+        title='leaderboard',
+        depends_on={'mappers': sorted(MAPPERS), 'judge': str(JUDGE), 'unknown': UNKNOWN},
+    )
+    rows = [
+        row(
+            f'{entry["data"]}, {entry["percent"]} %, {entry["poses"]} poses, {mapper}: '
+            'nats a held-out beam',
+            figures['nats'],
+            None,
+            f'{figures["difference"]:+.3f} +- {figures["difference_error"]:.3f} to {BASE}',
+        )
+        for entry in parts.values()
+        for mapper, figures in entry['mappers'].items()
+    ]
+    found: dict[str, Any] = {'entries': list(parts.values())}
+    page = leaderboard_page({**found, 'version': __version__, 'seed': seed})
+    with replacing(folder / 'leaderboard.md') as file:
+        file.write_text(page, encoding='utf-8')
+    return {
+        **found,
+        'rows': rows,
+        'settings': {'seed': seed, 'judge': str(JUDGE), 'unknown': UNKNOWN},
+        'notes': NOTES,
+    }
+
+
+def score(name: str, percent: int, poses: str, seed: int) -> dict[str, Any]:
+    """Map one data set with every mapper that takes such poses, and judge the maps."""
+    contest = log_contest(name) if name in LOGS else building_contest(name, seed)
+    believed = [thinned(one, PERCENTS[percent]) for one in contest.believed]
+    judging = judging_scans(contest)
+    seconds_for_poses = 0.0
+    if poses == 'joint':
+        watch = Resources()
+        refinement = PoseRefinement(believed, TrajectoryConfig(seed=seed))
+        for _ in refinement.run():
+            pass
+        seconds_for_poses = watch.stop().seconds
+        believed = refinement.placed()
+        if contest.truth is None:
+            judging = [
+                PlacedScan.at(odd.scan, one.pose)
+                for odd, one in zip(judging, believed, strict=True)
+            ]
+    chosen = WITH_JOINT_POSES if poses == 'joint' else contest.mappers
+    maps = {mapper: MAPPERS[mapper](believed, contest, seed) for mapper in chosen}
+    return {
+        'data': name,
+        'percent': percent,
+        'poses': poses,
+        'scans': len(believed),
+        'seconds_for_poses': round(seconds_for_poses, 2),
+        'mappers': _judged(contest, maps, judging),
+    }
+
+
+def thinned(placed: PlacedScan, every: int) -> PlacedScan:
+    """Return a scan of which only each so many-th even beam says anything."""
+    return _beams(placed, 0, 2 * every)
+
+
+def judging_scans(contest: Contest) -> list[PlacedScan]:
+    """Return the scans that judge maps: odd beams at the poses that are held to be right."""
+    return [_beams(one, 1, 2) for one in contest.judging]
+
+
+def _beams(placed: PlacedScan, first: int, step: int) -> PlacedScan:
+    scan: Scan = placed.scan
+    ranges = np.full_like(scan.ranges_m, np.nan)
+    ranges[first::step] = scan.ranges_m[first::step]
+    return PlacedScan(replace(scan, ranges_m=ranges), placed.belief)
+
+
+def _judged(
+    contest: Contest, maps: dict[str, Mapped], judging: Sequence[PlacedScan]
+) -> dict[str, dict[str, Any]]:
+    """Return the figures of each map."""
+    beams = held_out_beams(judging, maps[BASE].grid_map.spec, no_return=contest.no_return)
+    points = held_out_points(beams, POINT_STEP_M)
+    base = _log_likelihood(maps[BASE].grid_map, beams, contest)
+    counted = None if contest.truth is None else _measured(contest)
+    found = {}
+    for name, (grid_map, used) in maps.items():
+        values = _log_likelihood(grid_map, beams, contest)
+        nats, difference = beams.mean(values), beams.mean(values - base)
+        of_points = score_points(points, probability_at(grid_map, points.xy_m, UNKNOWN))
+        found[name] = {
+            'nats': nats.value,
+            'nats_error': nats.standard_error,
+            'difference': difference.value,
+            'difference_error': difference.standard_error,
+            'points_roc_area': of_points.counts.roc_area(),
+            'points_log_loss': of_points.log_loss.value,
+            'seconds': round(used.seconds, 3),
+            'megabytes': used.megabytes,
+            **({} if counted is None else _against_truth(grid_map, contest, counted)),
+        }
+    return found
+
+
+def _log_likelihood(grid_map: GridMap, beams: HeldOutBeams, contest: Contest) -> Float64Array:
+    return beam_log_likelihood(
+        grid_map,
+        beams.placed,
+        ForwardModel.from_config(JUDGE),
+        prior=UNKNOWN,
+        no_return=contest.no_return,
+    )
+
+
+def _measured(contest: Contest) -> BoolArray:
+    """Return the cells of the truth that count: those that any beam measured, at its true pose."""
+    assert contest.truth is not None
+    config = MapperConfig(resolution=contest.cell_m, no_return=contest.no_return)
+    return np.isfinite(aligned(map_of(contest.judging, config), contest.truth))
+
+
+def _against_truth(grid_map: GridMap, contest: Contest, counted: BoolArray) -> dict[str, float]:
+    assert contest.truth is not None
+    values = np.nan_to_num(aligned(grid_map, contest.truth)[counted], nan=UNKNOWN)
+    probability = values.astype(np.float64)
+    occupied = contest.truth.probability[counted] >= 0.5
+    counts = confusion_counts(probability, occupied)
+    return {
+        'best_f1': counts.best().f1,
+        'f1': confusion_counts(probability, occupied, np.array([0.5])).scores(0).f1,
+        'roc_area': counts.roc_area(),
+        'brier': float(brier_score(probability, occupied)),
+        'calibration_error': reliability(probability, occupied, 10).expected_error(),
+    }

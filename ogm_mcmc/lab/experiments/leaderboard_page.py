@@ -1,0 +1,181 @@
+"""The leaderboard as a page of Markdown, made from the result of the experiment."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+__all__ = ['leaderboard_page']
+
+INTRODUCTION = """\
+# Leaderboard
+
+Made by `ogm_mcmc experiment leaderboard` (version {version}, seed {seed}): it writes this page as
+`leaderboard.md` beside its `result.json`, which has every figure with its standard error.
+
+Maps are made of the even beams of each scan: all of them (100 %), every fourth (25 %), every
+twentieth (5 %). All odd beams judge by the log-likelihood of their ranges, nats a beam, higher is
+better; only differences in one column mean something. The judge is the beam model with its
+defaults and a sigma of 0.05 m; a cell that a map does not know is occupied with probability 0.15,
+whoever made the map. Cells are 5 cm in logs and 10 cm in buildings. Sampled maps are the mean of
+two chains of 100 sweeps. With joint poses the same even beams also moved the poses; odd beams of
+a log then judge the map at these poses.
+
+`points` is the area under the ROC curve of points along the odd beams (free every 0.5 m, occupied
+at the end). Time is of processors, without compiling and without estimating poses; memory is the
+rise of the resident set while the map is made. Both are of 100 %.
+"""
+
+BUILDINGS_TEXT = """\
+Means of {count}, a particle filter's poses (the likeliest mean), judged against the true map on
+the cells that any beam measured, with odd beams at the true poses.
+"""
+
+CLOSING = """\
+## Adding a mapper
+
+A mapper in Python joins the table: add a function to `MAPPERS` in
+`ogm_mcmc/lab/experiments/mappers.py`. It gets scans with the belief about their poses, the side of
+a cell and what beams without a return mean, and returns a `GridMap`.
+
+A map that another program made is judged from its file. This writes what a mapper may see and
+what judges it as two bags:
+
+```python
+from pathlib import Path
+
+from ogm_mcmc.io.recording_bag import write_recording
+from ogm_mcmc.lab.experiments.contests import log_contest
+from ogm_mcmc.lab.experiments.leaderboard import judging_scans, thinned
+
+contest = log_contest('intel')
+write_recording(Path('intel_25'), [thinned(one, 4) for one in contest.believed])
+write_recording(Path('intel_judge'), judging_scans(contest))
+```
+
+```
+ogm_mcmc evaluate theirs=map.yaml --beams intel_judge --sigma 0.05 \\
+    --no-return ignore --unknown 0.15
+```
+
+Maps that only say free, unknown and occupied are judged as they are; a beam that contradicts a
+certain cell costs much, so a fair conversion to probabilities is the mapper's to make.
+
+## What was not run
+
+- Mappers of others: none is part of this table yet.
+- `sonar` needs ranges of sonars; `pose_uncertain` needs poses with doubt, which the logs do not
+  have.
+- Logs: their poses are those of the SLAM system that corrected them. Nobody has their truth.
+"""
+
+
+class _Column(NamedTuple):
+    """A column: its title, the key of its figure, how it is printed; the best is in bold."""
+
+    title: str
+    key: str
+    text: str
+    highest: bool | None = None
+
+
+def leaderboard_page(result: Mapping[str, Any]) -> str:
+    """Return the page of a result of `experiment leaderboard`, with its version and seed."""
+    entries: list[Mapping[str, Any]] = result['entries']
+    parts = [INTRODUCTION.format(version=result['version'], seed=result['seed'])]
+    names = list(dict.fromkeys(entry['data'] for entry in entries))
+    logs = [name for name in names if not name.startswith('building-')]
+    for name in logs:
+        parts.append(f'## {name}\n\n{_log_table([e for e in entries if e["data"] == name])}')
+    buildings = [entry for entry in entries if entry['data'].startswith('building-')]
+    if buildings:
+        count = len(names) - len(logs)
+        said = 'one generated building' if count == 1 else f'{count} generated buildings'
+        parts.append(f'## Generated buildings\n\n{BUILDINGS_TEXT.format(count=said)}')
+        for percent in _percents(buildings):
+            some = [entry for entry in buildings if entry['percent'] == percent]
+            parts.append(f'### {percent} % of the beams\n\n{_building_table(some)}')
+    return '\n'.join([*parts, CLOSING])
+
+
+def _percents(entries: Iterable[Mapping[str, Any]]) -> list[int]:
+    return sorted({entry['percent'] for entry in entries}, reverse=True)
+
+
+def _log_table(entries: Sequence[Mapping[str, Any]]) -> str:
+    percents = _percents(entries)
+    lines: dict[str, dict[str, float | None]] = {}
+    for entry in entries:
+        for mapper, found in entry['mappers'].items():
+            line = lines.setdefault(_line_name(mapper, entry['poses']), {})
+            line[f'nats {entry["percent"]}'] = found['nats']
+            if entry['percent'] == percents[0]:
+                line.update({key: found[key] for key in ('points_roc_area', *COSTS)})
+    columns = [
+        *(_Column(f'{p} %', f'nats {p}', '{:.3f}', highest=True) for p in percents),
+        _Column('points', 'points_roc_area', '{:.3f}', highest=True),
+        *COST_COLUMNS,
+    ]
+    return _table(lines, columns)
+
+
+def _building_table(entries: Sequence[Mapping[str, Any]]) -> str:
+    gathered: dict[str, dict[str, list[float]]] = {}
+    for entry in entries:
+        for mapper, found in entry['mappers'].items():
+            line = gathered.setdefault(_line_name(mapper, entry['poses']), {})
+            for key, value in found.items():
+                if value is not None:
+                    line.setdefault(key, []).append(value)
+    lines: dict[str, dict[str, float | None]] = {
+        name: {key: float(np.mean(values)) for key, values in line.items()}
+        for name, line in gathered.items()
+    }
+    return _table(lines, BUILDING_COLUMNS)
+
+
+COSTS = ('seconds', 'megabytes')
+COST_COLUMNS = (_Column('s', 'seconds', '{:.1f}'), _Column('MB', 'megabytes', '{:.0f}'))
+BUILDING_COLUMNS = (
+    _Column('nats', 'nats', '{:.3f}', highest=True),
+    _Column('best F1', 'best_f1', '{:.3f}', highest=True),
+    _Column('F1 at 0.5', 'f1', '{:.3f}', highest=True),
+    _Column('ROC area', 'roc_area', '{:.3f}', highest=True),
+    _Column('Brier', 'brier', '{:.4f}', highest=False),
+    _Column('calibration error', 'calibration_error', '{:.3f}', highest=False),
+    *COST_COLUMNS,
+)
+
+
+def _line_name(mapper: str, poses: str) -> str:
+    return f'{mapper}, joint poses' if poses == 'joint' else mapper
+
+
+def _table(lines: Mapping[str, Mapping[str, float | None]], columns: Sequence[_Column]) -> str:
+    best = {}
+    for column in columns:
+        shown = [
+            _shown(line, column) for line in lines.values() if line.get(column.key) is not None
+        ]
+        if shown and column.highest is not None:
+            best[column.key] = (max if column.highest else min)(shown, key=float)
+    rows = [('mapper', *(column.title for column in columns)), ('---',) * (len(columns) + 1)]
+    for name, line in lines.items():
+        cells = [_shown(line, column) for column in columns]
+        rows.append(
+            (
+                name,
+                *(
+                    f'**{cell}**' if cell == best.get(column.key) else cell
+                    for cell, column in zip(cells, columns, strict=True)
+                ),
+            )
+        )
+    return ''.join(f'| {" | ".join(cells)} |\n' for cells in rows)
+
+
+def _shown(line: Mapping[str, float | None], column: _Column) -> str:
+    value = line.get(column.key)
+    return '-' if value is None else column.text.format(value)

@@ -1,0 +1,104 @@
+"""The leaderboard: which beams map and judge, one small contest, and the page."""
+
+import math
+
+import numpy as np
+import pytest
+
+from ogm_mcmc.errors import ConfigError
+from ogm_mcmc.geometry import GridMap, GridSpec, PlacedScan, Pose2D, Scan
+from ogm_mcmc.lab.experiments import contests, leaderboard, mappers
+from ogm_mcmc.lab.experiments.leaderboard_page import leaderboard_page
+
+SPEC = GridSpec(0.1, 40, 40, -20, -20)
+
+
+def room_scan(stamp_ns: int = 0) -> Scan:
+    """A scan of 80 beams in the middle of a square room of 3 m."""
+    bearings = np.linspace(-math.pi, math.pi, 80, endpoint=False)
+    ranges = 1.55 / np.maximum(np.abs(np.cos(bearings)), np.abs(np.sin(bearings)))
+    return Scan.checked(
+        ranges, angle_min_rad=-math.pi, angle_increment_rad=math.pi / 40.0,
+        range_min_m=0.0, range_max_m=5.0, stamp_ns=stamp_ns,
+    )  # fmt: skip
+
+
+def room() -> contests.Contest:
+    occupied = np.zeros((40, 40), np.float32)
+    occupied[4:36, (4, 35)] = occupied[(4, 35), 4:36] = 1.0
+    placed = [PlacedScan.at(room_scan(k), Pose2D()) for k in range(3)]
+    return contests.Contest(
+        placed, placed, GridMap(SPEC, occupied), 0.1, 'clear', ('two_assumption', 'counting')
+    )
+
+
+def test_even_beams_map_and_odd_ones_judge() -> None:
+    contest = room()
+    for every in leaderboard.PERCENTS.values():
+        mapped = leaderboard.thinned(contest.believed[0], every).scan.ranges_m
+        assert np.array_equal(np.flatnonzero(np.isfinite(mapped)), np.arange(0, 80, 2 * every))
+    judging = leaderboard.judging_scans(contest)[0].scan.ranges_m
+    assert np.array_equal(np.flatnonzero(np.isfinite(judging)), np.arange(1, 80, 2))
+    assert np.isfinite(contest.believed[0].scan.ranges_m).all()
+
+
+def test_a_room_is_judged_by_beams_and_truth(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(leaderboard, 'building_contest', lambda name, seed: room())
+    found = leaderboard.score('building-1', 100, 'fixed', 1)
+    assert list(found['mappers']) == ['two_assumption', 'counting']
+    base = found['mappers']['two_assumption']
+    assert base['difference'] == 0.0
+    other = found['mappers']['counting']
+    assert other['difference'] == pytest.approx(other['nats'] - base['nats'])
+    # Even beams meet fewer cells of the walls than all beams do, and nothing else.
+    assert 0.5 < base['best_f1'] < 0.6
+    assert base['points_roc_area'] > 0.8
+    assert base['seconds'] >= 0.0
+
+
+def test_resources_tell_how_much_memory_was_taken() -> None:
+    watch = mappers.Resources()
+    taken = np.ones(60_000_000 // 8)
+    used = watch.stop()
+    assert taken.sum() > 0.0
+    if used.megabytes is None:
+        pytest.skip('no /proc: only Linux tells the highest memory')
+    assert 50.0 < used.megabytes < 90.0
+
+
+def entry(data: str, percent: int, poses: str, **nats: float) -> dict[str, object]:
+    figures = {
+        'points_roc_area': 0.9, 'seconds': 1.25, 'megabytes': None, 'best_f1': 0.5, 'f1': 0.25,
+        'roc_area': 0.75, 'brier': 0.125, 'calibration_error': 0.0625,
+    }  # fmt: skip
+    found = {name: {'nats': value, **figures} for name, value in nats.items()}
+    return {'data': data, 'percent': percent, 'poses': poses, 'mappers': found}
+
+
+def test_the_page_has_a_line_for_each_mapper_and_marks_the_best() -> None:
+    page = leaderboard_page(
+        {
+            'version': '1',
+            'seed': 3,
+            'entries': [
+                entry('intel', 100, 'fixed', a=0.5, b=1.0),
+                entry('intel', 5, 'fixed', a=-0.25, b=-1.0),
+                entry('intel', 100, 'joint', b=2.0),
+                entry('building-1', 5, 'fixed', a=1.0, b=3.0),
+                entry('building-2', 5, 'fixed', a=2.0, b=3.0),
+            ],
+        }
+    )
+    lines = page.splitlines()
+    assert '| mapper | 100 % | 5 % | points | s | MB |' in lines
+    assert '| a | 0.500 | **-0.250** | **0.900** | 1.2 | - |' in lines
+    assert '| b, joint poses | **2.000** | - | **0.900** | 1.2 | - |' in lines
+    assert any(line.startswith('| a | 1.500 | **0.500** |') for line in lines)  # the mean of two
+    assert any(line.startswith('| b | **3.000** |') for line in lines)
+    assert 'Means of 2 generated buildings' in page
+
+
+def test_a_missing_log_is_said_at_once(monkeypatch: pytest.MonkeyPatch, tmp_path: object) -> None:
+    monkeypatch.setenv('OGM_MCMC_DATA', str(tmp_path))
+    with pytest.raises(ConfigError, match=r'intel\.gfs\.log'):
+        contests.LOGS['intel'].path()
