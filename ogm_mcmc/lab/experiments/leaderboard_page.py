@@ -20,7 +20,7 @@ twentieth (5 %). All odd beams judge by the log-likelihood of their ranges, nats
 better; only differences in one column mean something. The judge is the beam model with its
 defaults and a sigma of 0.05 m; a cell that a map does not know is occupied with probability 0.15,
 whoever made the map. Cells are 5 cm in logs and 10 cm in buildings. Sampled maps are the mean of
-two chains of 100 sweeps. With joint poses the same even beams also moved the poses; odd beams of
+two chains of 60 sweeps. With joint poses the same even beams also moved the poses; odd beams of
 a log then judge the map at these poses.
 
 `points` is the area under the ROC curve of points along the odd beams (free every 0.5 m, occupied

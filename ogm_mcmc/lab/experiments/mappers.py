@@ -32,7 +32,7 @@ __all__ = [
     'Used',
 ]
 
-SWEEPS, BURN_IN, CHAINS = 100, 30, 2
+SWEEPS, BURN_IN, CHAINS = 60, 20, 2
 PROC = Path('/proc/self')
 
 
