@@ -13,7 +13,7 @@ reflection probabilities  `ogm_mcmc.mapping.counting`        [slides]
 maps from sonars          `ogm_mcmc.mapping.sonar`           [slides]
 inverse sensor models     `ogm_mcmc.sensors.inverse_model`   [pose] Eq. 4, [slides]
 full posterior, sampled   `ogm_mcmc.sampling`                [gibbs] section III, [patch]
-full posterior, exactly   `ogm_mcmc.exact`                   [gibbs] section II
+full posterior, exactly   `ogm_mcmc.lab.exact`               [gibbs] section II
 poses refined together    `ogm_mcmc.trajectory`              none, see its design note
 exact ray traversal       `ogm_mcmc.geometry`                none, see its design note
 full posterior, live      `ogm_mcmc.ros.refine_server`       node `refine_server`

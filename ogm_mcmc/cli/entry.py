@@ -2,7 +2,7 @@
 
 import sys
 
-from ogm_mcmc.signals import leave_on_signals, stop_a_little_later
+from ogm_mcmc.engine.signals import leave_on_signals, stop_a_little_later
 
 __all__ = ['main']
 

@@ -24,8 +24,8 @@ from ogm_mcmc.cli import (
     simulate,
 )
 from ogm_mcmc.cli.options import path_argument
+from ogm_mcmc.engine.signals import leave_on_signals
 from ogm_mcmc.errors import OgmError
-from ogm_mcmc.signals import leave_on_signals
 
 __all__ = ['run']
 

@@ -42,12 +42,12 @@ from ogm_mcmc.config import (
 from ogm_mcmc.config.nodes import REFINE_CONFIGS, RefineSamplerConfig
 from ogm_mcmc.engine.joint_poses import PoseRefinement
 from ogm_mcmc.engine.refinement import Progress, Recording, Refinement, warm_up
+from ogm_mcmc.engine.signals import interruptible
 from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.files.output_files import checked_name, makeable_folder
 from ogm_mcmc.geometry import GridMap, GridSpec
 from ogm_mcmc.io.map_files import load_grid
 from ogm_mcmc.lab.cluster import connected, distribute
-from ogm_mcmc.signals import interruptible
 
 __all__ = ['add_to']
 

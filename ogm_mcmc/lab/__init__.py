@@ -1,1 +1,1 @@
-"""Experiments, benchmarks and work on clusters: the product never imports this."""
+"""Experiments, benchmarks, exact posteriors, work on clusters: the product never imports this."""

@@ -13,8 +13,8 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
+from ogm_mcmc.engine.signals import NotedSignals
 from ogm_mcmc.errors import ConfigError, OgmError
-from ogm_mcmc.signals import NotedSignals
 
 __all__ = ['StopSignal', 'ros_args_explained', 'run_node']
 

@@ -17,6 +17,7 @@ from ogm_mcmc.cli.sampling_bar import status
 from ogm_mcmc.config import PatchConfig, StopConfig, flatten, settings_of
 from ogm_mcmc.config.nodes import REFINE_CONFIGS
 from ogm_mcmc.engine.refinement import Progress, Refinement
+from ogm_mcmc.engine.signals import leave_on_signals
 from ogm_mcmc.errors import OutputError
 from ogm_mcmc.evaluation.trajectories import absolute_errors
 from ogm_mcmc.geometry import PlacedScan, Pose2D, PoseBelief
@@ -25,7 +26,6 @@ from ogm_mcmc.io.recording_bag import write_recording
 from ogm_mcmc.io.sample_files import load_samples
 from ogm_mcmc.io.trajectory_files import read_trajectory
 from ogm_mcmc.io.tum_files import read_deviations
-from ogm_mcmc.signals import leave_on_signals
 from ogm_mcmc.simulation import WORLDS, Lidar, record
 
 CELLS = ('--prior', 'uniform', '--patch-size', '1')

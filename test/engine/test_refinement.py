@@ -19,8 +19,8 @@ from ogm_mcmc.config import (
 )
 from ogm_mcmc.engine.refinement import Recording, Refinement, hide_uncertain, live_map
 from ogm_mcmc.errors import ConfigError, GridError, WindowError
-from ogm_mcmc.exact import enumerate_maps
 from ogm_mcmc.geometry import GridMap, GridSpec, PlacedScan, Pose2D, PoseBelief
+from ogm_mcmc.lab.exact import enumerate_maps
 from ogm_mcmc.sampling import PosteriorSampler, RayWindow
 
 approx = pytest.approx

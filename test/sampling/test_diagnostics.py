@@ -5,8 +5,8 @@ import pytest
 from support.strategies import fan
 
 from ogm_mcmc.config import ForwardModelConfig, WindowConfig
-from ogm_mcmc.exact import enumerate_maps
 from ogm_mcmc.geometry import PlacedScan, Pose2D
+from ogm_mcmc.lab.exact import enumerate_maps
 from ogm_mcmc.sampling import CellModel, PosteriorSampler, RayWindow
 from ogm_mcmc.sampling.diagnostics import BatchCounts, assess, split_r_hat
 

@@ -24,10 +24,10 @@ from typing import Any, NamedTuple
 from tqdm import tqdm
 
 from ogm_mcmc import __version__
+from ogm_mcmc.engine.signals import signals_later
 from ogm_mcmc.errors import ConfigError, OgmError
 from ogm_mcmc.files.output_files import replacing, writable_folder
 from ogm_mcmc.lab.experiments.worker_pool import worker_pool
-from ogm_mcmc.signals import signals_later
 
 __all__ = [
     'WORKERS_VARIABLE',

@@ -19,7 +19,7 @@ from numpy.random import Generator
 
 from ogm_mcmc.arrays import AnyArray, Float64Array, UInt8Array
 from ogm_mcmc.evaluation import total_divergence
-from ogm_mcmc.exact import enumerate_maps, line_posterior
+from ogm_mcmc.lab.exact import enumerate_maps, line_posterior
 from ogm_mcmc.lab.experiments.gibbs_line import (
     Line,
     cell_model,

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ogm_mcmc.arrays import AnyArray, Float64Array
-from ogm_mcmc.exact import Enumeration, enumerate_maps
+from ogm_mcmc.lab.exact import Enumeration, enumerate_maps
 from ogm_mcmc.lab.experiments.gibbs_line import (
     cell_model,
     draw_chain,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ogm_mcmc.evaluation import total_divergence
-from ogm_mcmc.exact import line_posterior
+from ogm_mcmc.lab.exact import line_posterior
 from ogm_mcmc.lab.experiments import gibbs_1d, patch_mutual_information
 from ogm_mcmc.lab.experiments.gibbs_line import log_likelihoods, measured_line
 

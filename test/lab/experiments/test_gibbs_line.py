@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from ogm_mcmc.exact import enumerate_maps, line_posterior
+from ogm_mcmc.lab.exact import enumerate_maps, line_posterior
 from ogm_mcmc.lab.experiments.gibbs_line import (
     cell_model,
     draw_chain,

@@ -12,8 +12,8 @@ from support.tiny_problems import cell_numbers, tiny_problems
 
 from ogm_mcmc.config import ForwardModelConfig, WindowConfig
 from ogm_mcmc.errors import WindowError
-from ogm_mcmc.exact import enumerate_maps, line_posterior
 from ogm_mcmc.geometry import PlacedScan, Pose2D
+from ogm_mcmc.lab.exact import enumerate_maps, line_posterior
 from ogm_mcmc.sampling import RayWindow
 
 approx = pytest.approx

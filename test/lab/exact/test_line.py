@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from support.strategies import REPEATABLE
 
 from ogm_mcmc.errors import ConfigError
-from ogm_mcmc.exact import line_posterior
+from ogm_mcmc.lab.exact import line_posterior
 
 approx = pytest.approx
 

@@ -4,7 +4,7 @@
 solution"); `line` is the closed form for cells in one line seen from one end, for any K.
 """
 
-from ogm_mcmc.exact.enumeration import Enumeration, enumerate_maps
-from ogm_mcmc.exact.line import line_posterior
+from ogm_mcmc.lab.exact.enumeration import Enumeration, enumerate_maps
+from ogm_mcmc.lab.exact.line import line_posterior
 
 __all__ = ['Enumeration', 'enumerate_maps', 'line_posterior']
