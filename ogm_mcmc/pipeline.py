@@ -14,14 +14,22 @@ The node `online_mapper`, the commands `map` and `bench`, and the tests all run 
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from ogm_mcmc.config import MapperConfig, flatten
-from ogm_mcmc.errors import require
+from ogm_mcmc.errors import GridError, require
 from ogm_mcmc.geometry import CellBox, GridMap, PlacedScan, Pose2D, PoseBelief, Scan
-from ogm_mcmc.mapping import Extras, extras_of, live_settings, make_method
+from ogm_mcmc.mapping import (
+    Extras,
+    TwoAssumptionMapper,
+    extras_of,
+    live_settings,
+    make_method,
+)
 
 __all__ = ['MappingPipeline', 'warm_up']
 
@@ -45,6 +53,28 @@ class MappingPipeline:
         changed = self.method.update(placed)
         self.changed = self.changed.union(changed)
         self.scans_used += 1
+        return changed
+
+    def update_all(
+        self, scans: Sequence[PlacedScan], cancelled: Callable[[], bool] = lambda: False
+    ) -> CellBox:
+        """Add scans in turn; those that lead too far away are left out. Return the changed cells.
+
+        The same map as of scan after scan, sooner where the method takes them together. Ends
+        early when `cancelled`.
+        """
+        changed = NOTHING
+        if isinstance(self.method, TwoAssumptionMapper) and self.method.takes_together:
+            with contextlib.suppress(GridError):
+                changed = self.method.update_all(scans, cancelled)
+                self.changed = self.changed.union(changed)
+                self.scans_used += len(scans)
+                return changed
+        for placed in scans:
+            if cancelled():
+                break
+            with contextlib.suppress(GridError):
+                changed = changed.union(self.update(placed))
         return changed
 
     def configure(self, config: MapperConfig) -> None:
@@ -91,9 +121,10 @@ class MappingPipeline:
         return extras_of(self.config.method, self.method, box)
 
 
-def warm_up(config: MapperConfig) -> int:
+def warm_up(config: MapperConfig, *, together: bool = False) -> int:
     """Compile, or load from the cache, every kernel the configuration needs.
 
+    With `together` also those that take many scans at once (`MappingPipeline.update_all`).
     Returns the number of cells that a first scan on a map of its own has measured.
     """
     # A few cells, whatever the configuration.
@@ -112,4 +143,6 @@ def warm_up(config: MapperConfig) -> int:
         doubt = 1e-4 * config.resolution**2 * np.eye(3)
         MappingPipeline(pipeline.config).update(PlacedScan(scan, PoseBelief(pose, doubt)))
     pipeline.update(PlacedScan.at(scan, pose))
+    if together:
+        MappingPipeline(pipeline.config).update_all([PlacedScan.at(scan, pose)])
     return int(np.isfinite(pipeline.map().probability).sum())

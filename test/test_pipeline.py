@@ -1,3 +1,4 @@
+import contextlib
 import itertools
 import math
 
@@ -281,6 +282,29 @@ def test_a_refused_scan_is_not_counted():
         source.update(PlacedScan(fan(1.0), at(100.0, 0.0)))
     assert (source.scans_used, source.changed) == (1, changed)
     assert np.array_equal(source.map().probability, before.probability)
+
+
+# -- many scans at once -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('method', ['two_assumption', 'counting', 'pose_uncertain'])
+def test_many_scans_at_once_make_the_map_of_one_after_the_other(method):
+    """Also where one of them leads too far away; of uncertain poses all the doubt is used."""
+    doubt = np.diag([0.01, 0.02, 0.003])
+    places = [Pose2D(0.1 * k, 0.2) for k in range(5)]
+    places.insert(2, Pose2D(1e5, 0.0))
+    scans = [PlacedScan(sweep(k), PoseBelief(p, doubt)) for k, p in enumerate(places)]
+    one, together = pipeline(method=method), pipeline(method=method)
+    for scan in scans:
+        with contextlib.suppress(GridError):
+            one.update(scan)
+    changed = together.update_all(scans)
+    assert same_map(one, together)
+    assert together.scans_used == one.scans_used == 5
+    assert together.changed == one.changed == changed
+    given_up = pipeline(method=method)
+    given_up.update_all(scans, lambda: True)
+    assert not np.isfinite(given_up.method.probabilities(given_up.method.spec.box)).any()
 
 
 # -- warm_up ------------------------------------------------------------------------------------

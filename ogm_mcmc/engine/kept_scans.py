@@ -113,10 +113,7 @@ class _Making:
 
     def _run(self) -> None:
         try:
-            for placed in self._scans:
-                if self.cancelled:
-                    return
-                self.use(placed)
+            self.pipeline.update_all(self._scans, lambda: self.cancelled)
         except BaseException as error:  # the node raises it where it is seen
             self.failure = error
 

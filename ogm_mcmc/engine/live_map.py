@@ -10,7 +10,7 @@ from ogm_mcmc.arrays import UInt8Array
 from ogm_mcmc.config import MapperConfig, WindowConfig
 from ogm_mcmc.errors import GridError
 from ogm_mcmc.geometry import CellBox, GridMap, GridSpec, PlacedScan
-from ogm_mcmc.mapping import make_method
+from ogm_mcmc.mapping import TwoAssumptionMapper, make_method
 
 __all__ = ['cells_on', 'check_lattice', 'live_map', 'map_of']
 
@@ -24,8 +24,11 @@ def map_of(
     GridError when the map would become too large.
     """
     method = make_method(config)
-    for placed in scans:
-        method.update(placed)
+    if isinstance(method, TwoAssumptionMapper) and method.takes_together:
+        method.update_all(list(scans))
+    else:
+        for placed in scans:
+            method.update(placed)
     found = GridMap(method.spec, method.probabilities(method.spec.box))
     return found if box is None else found.windowed(box)
 

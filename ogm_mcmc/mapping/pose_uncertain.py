@@ -20,6 +20,8 @@ class PoseUncertainMapper(TwoAssumptionMapper):
     belief of one pose is mapped as a known pose.
     """
 
+    _at_the_mean = False
+
     def __init__(self, config: MapperConfig) -> None:
         super().__init__(config)
         self.reset()

@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+
 import numpy as np
 
+from ogm_mcmc.arrays import Float64Array, UInt8Array
 from ogm_mcmc.config import MapperConfig
-from ogm_mcmc.geometry import CellBox, PlacedScan, Pose2D, PoseSamples, Scan, cast_rays
+from ogm_mcmc.geometry import CellBox, PlacedScan, Pose2D, PoseSamples, Rays, Scan, cast_rays
+from ogm_mcmc.mapping.batch_fusion_kernels import PLANES, add_counted, count_scan
 from ogm_mcmc.mapping.evidence import EvidenceWindow
 from ogm_mcmc.mapping.log_odds_mapper import NOTHING, LogOddsMapper
 from ogm_mcmc.mapping.two_assumption_kernels import fuse_per_beam, fuse_per_scan
 from ogm_mcmc.sensors import beam_model
 
 __all__ = ['TwoAssumptionMapper']
+
+# Beams that are cast and held until the extent of the map is known, 17 bytes each.
+MOST_HELD = 1_000_000
 
 
 class TwoAssumptionMapper(LogOddsMapper):
@@ -21,6 +28,8 @@ class TwoAssumptionMapper(LogOddsMapper):
     the cells a beam crossed, `l_occ` for the one it ended in; or with the Gaussian one. `fusion`
     says whether a scan counts once per cell or once per beam.
     """
+
+    _at_the_mean = True
 
     def __init__(self, config: MapperConfig) -> None:
         self._window = EvidenceWindow()
@@ -42,18 +51,11 @@ class TwoAssumptionMapper(LogOddsMapper):
             pose = np.array([[sensor.x_m, sensor.y_m, sensor.yaw_rad]])
             return self.update_over(scan, PoseSamples(pose, np.ones(1)))
         grid = self.grid
-        rays = cast_rays(
-            scan,
-            sensor,
-            grid.spec,
-            max_range_m=self.config.max_range,
-            no_return_clears=self.config.no_return == 'clear',
-        )
+        rays = self._cast(scan, sensor)
         if rays.n_rays == 0:
             return NOTHING
         grid.cover(rays.box)
-        column, row = rays.column - grid.spec.column0, rays.row - grid.spec.row0
-        geometry = (column, row, rays.x, rays.y, rays.ends, rays.hit, rays.n_rays)
+        geometry = self._geometry(rays)
         if self.config.fusion == 'per_scan':
             fuse_per_scan(grid.log_odds, grid.free_bits, grid.hit_bits, *geometry, *self._model)
         else:
@@ -62,6 +64,59 @@ class TwoAssumptionMapper(LogOddsMapper):
             columns, rows = np.empty(longest, np.int64), np.empty(longest, np.int64)
             fuse_per_beam(grid.log_odds, columns, rows, *geometry, *self._model)
         return rays.box
+
+    def _cast(self, scan: Scan, sensor: Pose2D) -> Rays:
+        return cast_rays(
+            scan,
+            sensor,
+            self.grid.spec,
+            max_range_m=self.config.max_range,
+            no_return_clears=self.config.no_return == 'clear',
+        )
+
+    def _geometry(
+        self, rays: Rays
+    ) -> tuple[int, int, float, float, Float64Array, UInt8Array, int]:
+        """Return what kernels take of rays, in cells of the grid."""
+        column, row = rays.column - self.spec.column0, rays.row - self.spec.row0
+        return (column, row, rays.x, rays.y, rays.ends, rays.hit, rays.n_rays)
+
+    @property
+    def takes_together(self) -> bool:
+        """Whether `update_all` may be called: misses can be counted."""
+        return self._at_the_mean and not self._beams.gaussian and self.config.fusion == 'per_scan'
+
+    def update_all(
+        self, scans: Sequence[PlacedScan], cancelled: Callable[[], bool] = lambda: False
+    ) -> CellBox:
+        """Add scans in their order; return the changed cells.
+
+        The same numbers as of scan after scan, bit for bit, in less than half of the time, with
+        a quarter of the map's memory more while it lasts. Ends early when `cancelled`. Raises
+        GridError, with nothing changed, when one of the scans leads too far away.
+        """
+        grid, box, cast, beams = self.grid, NOTHING, [], 0
+        for placed in scans:
+            rays = self._cast(placed.scan, placed.pose)
+            box = box.union(rays.box) if rays.n_rays else box
+            beams += placed.scan.ranges_m.size
+            if beams <= MOST_HELD:
+                cast.append(rays)
+        if box.empty:
+            return NOTHING
+        grid.cover(box)
+        counters = np.zeros((grid.free_bits.size, PLANES), np.uint64)
+        for number, placed in enumerate(scans):
+            if cancelled():
+                break
+            held = number < len(cast)
+            rays = cast[number] if held else self._cast(placed.scan, placed.pose)
+            if rays.n_rays:
+                bits = (grid.free_bits, grid.hit_bits, counters)
+                count_scan(grid.log_odds, *bits, *self._geometry(rays), *self._model)
+        l_free, _, prior, limit = self._model
+        add_counted(grid.log_odds, counters, l_free, prior, limit)
+        return box
 
     def update_over(self, scan: Scan, samples: PoseSamples) -> CellBox:
         """Add the evidence of one scan averaged over samples of the sensor's pose."""

@@ -57,15 +57,11 @@ def add_misses(log_odds, free, bottom, top, first_word, last_word, l_free, prior
 
 
 @njit(cache=True, nogil=True)
-def fuse_per_scan(
-    log_odds, free, hits, column, row, x, y, ends, hit, n_rays, l_free, l_occ, prior, limit
-):
-    """Add a scan with every touched cell updated once: a hit beats a miss.
+def mark_rays(free, words_per_row, column, row, x, y, ends, n_rays):
+    """Mark the cells of all rays; return the outermost (left, right, bottom, top).
 
-    free, hits  (height * width / 64,) uint64 bit sets, empty before and after
-    column, row  cell of the sensor in the array; x, y, ends, hit, n_rays as in `Rays`
+    These are relative to the cell of the sensor; other arguments as in `fuse_per_scan`.
     """
-    words_per_row = np.uint64(log_odds.shape[1] // 64)
     plans = np.empty((n_rays, PLAN_SIZE), np.int64)
     left = right = bottom = top = 0.0
     for ray in range(n_rays):
@@ -75,7 +71,20 @@ def fuse_per_scan(
         bottom, top = min(bottom, end_y), max(top, end_y)
     for ray in range(n_rays):
         mark_plan(free, words_per_row, plans[ray])
+    return math.floor(left), math.floor(right), math.floor(bottom), math.floor(top)
 
+
+@njit(cache=True, nogil=True)
+def fuse_per_scan(
+    log_odds, free, hits, column, row, x, y, ends, hit, n_rays, l_free, l_occ, prior, limit
+):
+    """Add a scan with every touched cell updated once: a hit beats a miss.
+
+    free, hits  (height * width / 64,) uint64 bit sets, empty before and after
+    column, row  cell of the sensor in the array; x, y, ends, hit, n_rays as in `Rays`
+    """
+    words_per_row = np.uint64(log_odds.shape[1] // 64)
+    left, right, bottom, top = mark_rays(free, words_per_row, column, row, x, y, ends, n_rays)
     hit_words = np.empty(n_rays, np.uint64)
     n_hits = 0
     for ray in range(n_rays):
@@ -95,10 +104,10 @@ def fuse_per_scan(
     add_misses(
         log_odds,
         free,
-        row + math.floor(bottom),
-        row + math.floor(top),
-        (column + math.floor(left)) // 64,
-        (column + math.floor(right)) // 64,
+        row + bottom,
+        row + top,
+        (column + left) // 64,
+        (column + right) // 64,
         l_free,
         prior,
         limit,

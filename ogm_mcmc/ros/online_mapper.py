@@ -78,7 +78,7 @@ class OnlineMapper(ManagedNode):
 
     def warm_up(self) -> None:
         """Compile what the method needs."""
-        warm_up(self.pipeline.config)
+        warm_up(self.pipeline.config, together=self.settings.keep_scans)
 
     def begin(self) -> None:
         """Subscribe, and publish from now on."""

@@ -137,10 +137,10 @@ def test_what_goes_wrong_in_the_thread_is_seen(loop, monkeypatch):
     for one in scans[:50]:
         kept.add(PlacedScan.at(one.scan, one.said))
 
-    def broken(self, placed):
+    def broken(self, scans, cancelled):
         raise RuntimeError('broken')
 
-    monkeypatch.setattr(MappingPipeline, 'update', broken)
+    monkeypatch.setattr(MappingPipeline, 'update_all', broken)
     kept.correct(nodes_of(scans[-1].corrected), CONFIG)
     with pytest.raises(RuntimeError, match='broken'):
         waited(kept)

@@ -10,6 +10,7 @@ from support.naive import NaiveMapper, measured_cells
 from support.strategies import REPEATABLE, fan, poses, scans
 
 from ogm_mcmc.config import MapperConfig, StepModelConfig
+from ogm_mcmc.errors import GridError
 from ogm_mcmc.geometry import CellBox, PlacedScan, Pose2D, PoseBelief
 from ogm_mcmc.geometry.traversal_kernels import beam_ends, trace_ray
 from ogm_mcmc.mapping import TwoAssumptionMapper
@@ -73,6 +74,51 @@ def test_small_scans_equal_twin(fusion, placed, change):
     naive = twin_of(config, placed)
     assume(naive.margin > 1e-9)
     assert_equals_twin(config, placed, naive)
+
+
+def in_turn_and_together(config, placed):
+    """Maps of the same scans, one after the other and all at once."""
+    one, all_at_once = TwoAssumptionMapper(config), TwoAssumptionMapper(config)
+    scans = [PlacedScan.at(scan, sensor) for scan, sensor in placed]
+    for scan in scans:
+        one.update(scan)
+    assert all_at_once.takes_together
+    return one, all_at_once, all_at_once.update_all(scans)
+
+
+@given(placed=placed_scans, change=configs)
+@settings(REPEATABLE, max_examples=25)
+def test_scans_taken_together_equal_scans_taken_in_turn(placed, change):
+    """Bit for bit: limits and rounding are those of scan after scan."""
+    config = MapperConfig(resolution=0.25, **change)
+    one, together, box = in_turn_and_together(config, placed)
+    assert measured(together) == measured(one)
+    assert all(box.covers(CellBox(c, r, c + 1, r + 1)) for c, r in measured(one))
+    assert not together.grid.free_bits.any()
+    assert not together.grid.hit_bits.any()
+
+
+@pytest.mark.parametrize('limit', [1000.0, 3.5])
+def test_counters_of_misses_that_run_over(limit):
+    """More than 255 misses between hits, that reach the limit or do not, and at the end."""
+    away, near = fan(2.3, 2.1, increment=0.3), fan(1.2, 1.1, increment=0.3)
+    stand = Pose2D(0.513, 0.517, 0.2)
+    placed = [(near, stand), *[(away, stand)] * 300, (near, stand), *[(away, stand)] * 520]
+    one, together, _ = in_turn_and_together(MapperConfig(log_odds_limit=limit, step=STEP), placed)
+    assert measured(together) == measured(one)
+    assert (min(measured(one).values()) == -limit) == (limit < 1000.0)
+
+
+def test_a_scan_too_many_leaves_the_map_as_it_was():
+    method = mapper(max_cells=40_000)
+    scans = [PlacedScan.at(fan(2.0), Pose2D(x, 0.0)) for x in (0.0, 1.0, 900.0)]
+    with pytest.raises(GridError, match='expected at most max_cells'):
+        method.update_all(scans)
+    assert measured(method) == {}
+    method.update_all(scans[:2], lambda: True)  # cancelled before the first
+    assert measured(method) == {}
+    method.update_all(scans[:2])
+    assert len(measured(method)) == 31  # 2 m and 3 m from 0 on, one cell a decimetre
 
 
 @pytest.mark.parametrize('fusion', FUSIONS)
