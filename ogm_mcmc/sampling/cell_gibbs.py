@@ -10,7 +10,7 @@ from numpy.random import Generator
 from ogm_mcmc.arrays import AnyArray, BoolArray, Float32Array, UInt8Array
 from ogm_mcmc.errors import GridError, require
 from ogm_mcmc.sampling.gibbs_kernels import find_first_hits, sweep_cells
-from ogm_mcmc.sampling.informed import telling_cells
+from ogm_mcmc.sampling.informed import arrival, telling_cells
 from ogm_mcmc.sampling.ray_index import RayIndex
 
 __all__ = [
@@ -117,6 +117,18 @@ class CellModel:
     def log_likelihood(self, state: GibbsState) -> float:
         """Log p(z | m, x), nats."""
         return float(state.records.view(np.float32)[:, 1].sum(dtype=np.float64))
+
+    def arrival(self, probability: Float32Array, least: float) -> Float32Array:
+        """Return (K,) the chance that a ray arrives at a cell; see `informed.arrival`."""
+        return arrival(self.index, self.telling, probability, least)
+
+    def forget(
+        self, rng: Generator, state: GibbsState, prior_log_odds: float, sweeps: int
+    ) -> None:
+        """Draw all sampled cells one by one, as if they were independent with this prior."""
+        ceiling = highest_probability(self.index, prior_log_odds)
+        for _ in range(sweeps):
+            sweep_cells(rng, self.touched, *state, self.index, ceiling, prior_log_odds)
 
     def log_prior(self, state: GibbsState) -> float:
         """Log p(m) less that of the empty map, nats."""

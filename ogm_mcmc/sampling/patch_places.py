@@ -36,7 +36,7 @@ from ogm_mcmc.arrays import AnyArray, BoolArray
 from ogm_mcmc.sampling.informed import arrival, near
 from ogm_mcmc.sampling.ray_index import RayIndex
 
-__all__ = ['DULL_TURNS', 'PatchPlaces', 'focused', 'patch_places', 'turn']
+__all__ = ['DULL_TURNS', 'PatchPlaces', 'focused', 'patch_places', 'places_among', 'turn']
 
 DULL_TURNS = 8
 
@@ -63,17 +63,25 @@ def patch_places(
     With a `margin`, cells, only those that lie within it of cells a ray tells of; of these the
     patches far in front of all readings are drawn more seldom.
     """
-    height = index.n_cells // width
-    cells = np.arange(index.n_cells, dtype=np.int32).reshape(height, width)
-    corners = cells[1:-side, 1:-side]
+    shape = index.n_cells // width, width
     if margin is None:
-        inside, dull = np.ones_like(corners, np.bool_), np.zeros_like(corners, np.bool_)
-    else:
-        nothing = np.zeros(index.n_cells, np.float32)
-        told = (arrival(index, telling, nothing) > 0.0).reshape(height, width)
-        inside = _whole(near(told, margin), side)
-        level = (index.gains() <= 0.0) & index.is_touched()
-        dull = _whole(level.reshape(height, width), side)
+        everything = np.ones(shape, np.bool_)
+        return places_among(everything, ~everything, side)
+    nothing = np.zeros(index.n_cells, np.float32)
+    told = (arrival(index, telling, nothing) > 0.0).reshape(shape)
+    level = (index.gains() <= 0.0) & index.is_touched()
+    return places_among(near(told, margin), level.reshape(shape), side)
+
+
+def places_among(wanted: BoolArray, level: BoolArray, side: int) -> PatchPlaces:
+    """Return the patches that lie in the cells (height, width) that are `wanted` as a whole.
+
+    Those in which all cells are `level`, far in front of all readings, are drawn more seldom.
+    """
+    height, width = wanted.shape
+    cells = np.arange(wanted.size, dtype=np.int32).reshape(height, width)
+    corners = cells[1:-side, 1:-side]
+    inside, dull = _whole(wanted, side), _whole(level, side)
     sampled = np.zeros((height, width), np.bool_)
     for row in range(1, side + 1):
         for column in range(1, side + 1):

@@ -15,11 +15,9 @@ from numpy.random import Generator
 from ogm_mcmc.arrays import AnyArray, BoolArray, Float32Array, UInt8Array
 from ogm_mcmc.errors import WindowError, require
 from ogm_mcmc.files.npz_files import TEXT, Field, NpzFile, npz_file
-from ogm_mcmc.sampling.cell_gibbs import GibbsState, highest_probability
+from ogm_mcmc.sampling.cell_gibbs import GibbsState
 from ogm_mcmc.sampling.diagnostics import BatchCounts, ChainQuality, assess
-from ogm_mcmc.sampling.gibbs_kernels import add_occupied, sweep_cells
-from ogm_mcmc.sampling.informed import arrival
-from ogm_mcmc.sampling.ray_index import RayIndex
+from ogm_mcmc.sampling.gibbs_kernels import add_occupied
 
 __all__ = ['Estimate', 'PosteriorModel', 'PosteriorSampler', 'forgotten', 'over_dispersed_starts']
 
@@ -33,14 +31,8 @@ FORGETTING_LOG_ODDS = math.log(1e-4)
 class PosteriorModel(Protocol):
     """What a sampler of maps offers, over cells or patches."""
 
-    index: RayIndex
-    """The rays of the window."""
-
     touched: AnyArray
     """Cells (C,) int32 that are sampled."""
-
-    telling: AnyArray
-    """How many cells of each ray (N,) it tells anything of; see `telling_cells`."""
 
     @property
     def n_cells(self) -> int:
@@ -72,6 +64,16 @@ class PosteriorModel(Protocol):
 
     def log_likelihood(self, state: GibbsState) -> float:
         """Log p(z | m, x), nats."""
+        ...
+
+    def arrival(self, probability: Float32Array, least: float) -> Float32Array:
+        """Return (K,) the chance that a ray arrives at a cell; see `informed.arrival`."""
+        ...
+
+    def forget(
+        self, rng: Generator, state: GibbsState, prior_log_odds: float, sweeps: int
+    ) -> None:
+        """Draw all sampled cells one by one, as if they were independent with this prior."""
         ...
 
 
@@ -172,7 +174,7 @@ class PosteriorSampler:
         model = self.model
         probability = np.ones(model.n_cells, np.float32)
         probability[model.touched] = mean
-        return arrival(model.index, model.telling, probability, ARRIVES)
+        return model.arrival(probability, ARRIVES)
 
     def informed_quality(self) -> ChainQuality | None:
         """Judge the chains by the cells at which a ray arrives that tells anything of them.
@@ -303,13 +305,11 @@ def forgotten(model: PosteriorModel, starts: Sequence[UInt8Array], seed: int) ->
     burn-in. So cells are drawn one by one first, given the same rays and an even, small chance of
     being occupied: a few sweeps leave what the readings ask for, and nothing else.
     """
-    ceiling = highest_probability(model.index, FORGETTING_LOG_ODDS)
     rngs = np.random.default_rng([seed, 2]).spawn(len(starts))
 
     def one(rng: Generator, cells: UInt8Array) -> UInt8Array:
         state = model.start(cells)
-        for _ in range(FORGETTING_SWEEPS):
-            sweep_cells(rng, model.touched, *state, model.index, ceiling, FORGETTING_LOG_ODDS)
+        model.forget(rng, state, FORGETTING_LOG_ODDS, FORGETTING_SWEEPS)
         return state.cells
 
     with ThreadPoolExecutor(len(starts)) as pool:

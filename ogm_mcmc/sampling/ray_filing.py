@@ -37,7 +37,7 @@ from ogm_mcmc.sensors.forward_model import ForwardModel
 if TYPE_CHECKING:
     from ogm_mcmc.sampling.ray_index import RayIndex
 
-__all__ = ['extended']
+__all__ = ['assembled', 'extended']
 
 FULL_FROM = 1.0
 """Nats: lists of cells that rays can lift by more than this are full."""
@@ -102,6 +102,34 @@ def extended(
     )  # fmt: skip
     before = index.lists[:, FRONT].astype(np.int64)
     return _with_front(kept, n_old, before, where_old, becoming, cells)
+
+
+def assembled(
+    nothing: RayIndex,
+    spec: GridSpec,
+    rays: AnyArray,
+    cells: AnyArray,
+    counts: AnyArray,
+    near: AnyArray,
+    gain: AnyArray,
+) -> RayIndex:
+    """Return the index of rays that are laid and whose near pairs are known.
+
+    nothing  an index without rays; spec: of the window; rays (N, 5) int64: their lines
+    cells, counts, gain  (S,) of each list, in rising order; near (T, 2) int32: all near pairs
+    """
+    lists = np.zeros((cells.size + 1, 2), np.int32)
+    lists[1:, NEAR] = _sums(counts.astype(np.int64))
+    n_cells, (up, across) = spec.width * spec.height, _tile_shape(spec)
+    listed = np.zeros(n_cells, np.bool_)
+    listed[cells] = True
+    index = nothing._replace(
+        rays=rays, marks=_marks(listed), lists=lists, full=(gain > FULL_FROM).astype(np.uint8),
+        gain=gain, near=near, tiles=np.zeros(up * across + 1, np.int32), grid=_grid(spec),
+        crossed=np.zeros((n_cells + 7) // 8, np.uint8),
+    )  # fmt: skip
+    none = np.empty(0, np.int64)
+    return _with_front(index, 0, np.zeros(1, np.int64), none, none, cells)
 
 
 def _with_front(

@@ -1,0 +1,158 @@
+"""What the process that holds a tile does: draws its cells given what lies outside."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ogm_mcmc.arrays import AnyArray, BoolArray, Float32Array, UInt8Array
+from ogm_mcmc.config import ForwardModelConfig, WindowConfig
+from ogm_mcmc.geometry import PlacedScan
+from ogm_mcmc.sampling.cell_gibbs import GibbsState, highest_probability
+from ogm_mcmc.sampling.gibbs_kernels import sweep_cells
+from ogm_mcmc.sampling.patch_gibbs import PatchModel
+from ogm_mcmc.sampling.patch_prior import PatchTable
+from ogm_mcmc.sampling.tile_index import TileRays, tile_rays
+from ogm_mcmc.sampling.tile_kernels import find_hits, look_again
+from ogm_mcmc.sampling.tiles import Tiling
+
+__all__ = ['Drawn', 'TileJob', 'TileReport', 'TileSampler']
+
+
+class TileJob(NamedTuple):
+    """What to draw given what: all that a tile knows of the rest of the map.
+
+    cells     bits of the box's cells
+    behind    (n,) float32 of its rays, see `tile_kernels`
+    seed      of the draw
+    corners   (P,) int32: patches by their lower left cell in the box, to be drawn in turn; None:
+    mask      bits of the box's cells that are drawn one by one
+    number    log-odds of the prior of these, or the `escape` of patches
+    order     of cells, see `cell_gibbs.ORDERS`
+    """
+
+    cells: UInt8Array
+    behind: Float32Array
+    seed: int
+    corners: AnyArray | None
+    mask: UInt8Array
+    number: float
+    order: str = 'fixed'
+
+
+class Drawn(NamedTuple):
+    """Bits of the box's cells after a draw, the hits of its visits (V,), flips."""
+
+    cells: UInt8Array
+    hits: Float32Array
+    flips: int
+
+
+class TileReport(NamedTuple):
+    """What those who hold the whole map have to know of a tile.
+
+    numbers, begins, along, unseen, telling  as in `TileRays`
+    touched, told, lifted  bits of the box's cells: a ray crosses them; tells something of them;
+                           can make them more likely to be occupied
+    n_pairs, n_bytes       of its index
+    """
+
+    numbers: AnyArray
+    begins: AnyArray
+    along: AnyArray
+    unseen: Float32Array
+    telling: AnyArray
+    touched: UInt8Array
+    told: UInt8Array
+    lifted: UInt8Array
+    n_pairs: int
+    n_bytes: int
+
+
+class TileSampler:
+    """A tile's rays and the prior of its cells; without a `table` these are independent.
+
+    May be asked by several threads, one after the other.
+    """
+
+    def __init__(
+        self,
+        scans: Sequence[PlacedScan],
+        window: WindowConfig,
+        model: ForwardModelConfig,
+        table: PatchTable | None,
+        tiling: Tiling,
+        tile: int,
+    ) -> None:
+        self.rays: TileRays = tile_rays(scans, window, model, tiling, tile)
+        box = tiling.tiles[tile].box
+        self.width = box.column1 - box.column0
+        self._patches: PatchModel | None = None
+        if table is not None:
+            self._patches = PatchModel(
+                self.rays.local,
+                self.width,
+                table,
+                flip_cells=True,
+            )
+        self._ceilings: dict[float, Float32Array] = {}
+        self._every = np.arange(self.rays.local.n_rays)
+        self._lock = threading.Lock()
+
+    def report(self) -> TileReport:
+        """Return what is known of the rays and cells of the tile."""
+        rays = self.rays
+        index = rays.local
+        return TileReport(
+            rays.numbers,
+            rays.begins,
+            rays.along,
+            rays.unseen,
+            rays.telling,
+            np.packbits(index.is_touched()),
+            np.packbits(rays.told()),
+            np.packbits(index.gains() > 0.0),
+            index.n_pairs,
+            index.n_bytes,
+        )
+
+    def draw(self, job: TileJob) -> Drawn:
+        """Do a job; the same for the same job, whatever was done before."""
+        index = self.rays.local
+        with self._lock:
+            cells = np.unpackbits(job.cells, count=index.n_cells)
+            state = GibbsState(cells, self.first_hits(cells, job.behind))
+            rng = np.random.default_rng(job.seed)
+            if job.corners is None:
+                flips = self._draw_cells(rng, job, state)
+            else:
+                assert self._patches is not None
+                flips = self._patches.draw_patches(rng, job.corners, state, job.number)
+            hits = np.empty(self.rays.along.size, np.float32)
+            find_hits(self.rays.begins, self.rays.entered, cells, index, state.records, hits)
+        return Drawn(np.packbits(cells), hits, flips)
+
+    def first_hits(self, cells: UInt8Array, behind: Float32Array) -> AnyArray:
+        """Return records (n, 2) int32 of the box's cells, given what lies outside."""
+        records = np.empty((self.rays.local.n_rays, 2), np.int32)
+        look_again(self._every, behind, cells, self.rays.local, records)
+        return records
+
+    def _draw_cells(self, rng: np.random.Generator, job: TileJob, state: GibbsState) -> int:
+        mask: BoolArray = np.unpackbits(job.mask, count=state.cells.size).view(np.bool_)
+        order = np.flatnonzero(mask).astype(np.int32)
+        if order.size == 0:
+            return 0
+        if job.order == 'random':
+            order = rng.permutation(order)
+        elif job.order == 'checkerboard':
+            even = (order // self.width + order % self.width) % 2 == 0
+            order = np.concatenate((order[even], order[~even]))
+        ceiling = self._ceilings.get(job.number)
+        if ceiling is None:
+            ceiling = highest_probability(self.rays.local, job.number)
+            self._ceilings = {job.number: ceiling}
+        return int(sweep_cells(rng, order, *state, self.rays.local, ceiling, job.number))
