@@ -12,7 +12,7 @@ INPUT ?=
 
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
-.PHONY: setup demo test test-fast test-ros test-full fuzz lint types imports bench clean-cache clean
+.PHONY: setup demo test kernels test-fast test-ros test-full fuzz lint types imports bench clean-cache clean
 
 setup: $(READY)
 
@@ -26,14 +26,24 @@ $(READY): setup.py
 demo: $(READY)
 	$(PY) -m ogm_mcmc demo $(INPUT) -o out/demo
 
-# A worker for each core; nodes share neither cores nor the network with other tests.
-WORKERS := -n auto --maxprocesses 4 --dist loadfile
+# A worker more than cores; files go to workers whole, those that take long first.
+WORKERS := -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder
+# Files with tests that measure waiting times: those run after the others.
+ALONE = $(shell grep -rl --include='test_*.py' 'mark\.alone' test)
 
-test: $(READY) lint types imports
-	$(PY) -m pytest $(WORKERS) -m 'not full and not ros'
-	$(PY) -m pytest -m 'ros and not full'
+# Checks and compiling of kernels side by side; then all tests, whether or not some fail.
+test: $(READY)
+	$(MAKE) --jobs 3 --output-sync=target lint types imports kernels
+	failed=0; \
+	$(PY) -m pytest $(WORKERS) -m 'not full and not alone' || failed=1; \
+	$(PY) -m pytest -m 'alone and not full' $(ALONE) || failed=1; \
+	exit $$failed
 
-test-fast: $(READY)
+# What several workers would otherwise compile each for itself.
+kernels: $(READY)
+	$(PY) test/support/kernel_caches.py
+
+test-fast: kernels
 	$(PY) -m pytest $(WORKERS) -m 'not full and not slow and not ros'
 
 test-ros: $(READY)

@@ -7,8 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.kernel_caches import forget_stale_kernels
 
 ROOT = Path(__file__).resolve().parents[1]
+
+# Markers of files that take long.
+LONGEST_FIRST = ('slow', 'ros')
 
 pytest_plugins = ['support.bag_fixtures']
 
@@ -55,15 +59,6 @@ def run_cli(tmp_path):
     return run
 
 
-def forget_stale_kernels() -> None:
-    """Numba's cache does not notice an edit in another module's kernel: we do."""
-    kernels = (ROOT / 'ogm_mcmc').rglob('*_kernels.py')
-    newest = max(path.stat().st_mtime for path in kernels)
-    for path in (ROOT / 'ogm_mcmc').rglob('*.nb[ic]'):
-        if path.stat().st_mtime < newest:
-            path.unlink()
-
-
 def pytest_configure(config) -> None:
     worker = os.environ.get('PYTEST_XDIST_WORKER')
     if worker is None:
@@ -78,3 +73,20 @@ def pytest_configure(config) -> None:
     os.environ.setdefault('ROS_DOMAIN_ID', str(20 + os.getpid() % 80))
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     os.environ.setdefault('ROS_LOG_DIR', str(Path(os.environ.get('TMPDIR', '/tmp')) / 'ogm_ros'))
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_auto_num_workers() -> int:
+    """Return the workers of `-n auto`: one more than cores, as tests of nodes wait a lot."""
+    return len(os.sched_getaffinity(0)) + 1
+
+
+def pytest_collection_modifyitems(items) -> None:
+    """For workers: files that take long come first, so that the last ones handed out are short."""
+    if 'PYTEST_XDIST_WORKER' not in os.environ:
+        return
+    ranks = {item.path: len(LONGEST_FIRST) for item in items}
+    for item in items:
+        marks = [item.get_closest_marker(name) is not None for name in LONGEST_FIRST]
+        ranks[item.path] = min(ranks[item.path], (*marks, True).index(True))
+    items.sort(key=lambda item: ranks[item.path])

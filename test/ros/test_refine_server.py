@@ -199,6 +199,7 @@ def test_from_scans_to_a_map_near_the_truth(walks, tmp_path):
     assert 'continues from' in node.output
 
 
+@pytest.mark.alone
 def test_answers_at_once_and_misses_no_scan_while_it_samples(walks):
     """Scans at 60 Hz and a caller of services, while two chains use what they can."""
     with server(**ENDLESS) as node, Observer() as observer:

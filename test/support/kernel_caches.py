@@ -1,0 +1,75 @@
+"""Numba's caches before a test run: stale ones go, the large kernels are compiled once.
+
+`python test/support/kernel_caches.py` does it before `make test` starts its workers: several
+processes that find no cache would each compile the same kernels, and none waits for another.
+Two processes share the work here, as methods and the sampler have few kernels in common. Where
+the caches are warm it takes seconds. What is not named here is compiled by the first test that
+needs it.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+__all__ = ['compile_kernels', 'forget_stale_kernels', 'main']
+
+PACKAGE = Path(__file__).resolve().parents[2] / 'ogm_mcmc'
+
+
+def forget_stale_kernels(package: Path = PACKAGE) -> None:
+    """Delete caches older than any kernel: Numba does not notice an edit in another module."""
+    newest = max(path.stat().st_mtime for path in package.rglob('*_kernels.py'))
+    for path in package.rglob('*.nb[ic]'):
+        if path.stat().st_mtime < newest:
+            path.unlink()
+
+
+def compile_methods() -> None:
+    """Compile what the mapping methods need."""
+    from ogm_mcmc.config import MapperConfig
+    from ogm_mcmc.mapping import METHODS
+    from ogm_mcmc.pipeline import warm_up
+
+    for method in METHODS:
+        warm_up(MapperConfig(method=method))
+    for method in ('two_assumption', 'pose_uncertain', 'counting'):
+        warm_up(MapperConfig(method=method, fusion='per_beam'))
+
+
+def compile_sampler() -> None:
+    """Compile what samples maps and poses, of independent cells and of patches."""
+    from ogm_mcmc.config import SamplerConfig
+    from ogm_mcmc.config.nodes import RefineSamplerConfig
+    from ogm_mcmc.engine.joint_poses import warm_up_poses
+    from ogm_mcmc.engine.refinement import warm_up
+
+    for config in (RefineSamplerConfig(), SamplerConfig()):
+        warm_up(config)
+    warm_up(replace(RefineSamplerConfig(), model=replace(config.model, kind='gaussian')))
+    warm_up_poses()
+
+
+PARTS: dict[str, Callable[[], None]] = {'methods': compile_methods, 'sampler': compile_sampler}
+
+
+def compile_kernels() -> int:
+    """Compile all parts at the same time; return how many of them failed."""
+    running = [subprocess.Popen([sys.executable, __file__, part]) for part in PARTS]
+    return sum(process.wait() != 0 for process in running)
+
+
+def main(arguments: list[str]) -> int:
+    """Do the named part, or forget what is stale and do all."""
+    if arguments:
+        PARTS[arguments[0]]()
+        return 0
+    forget_stale_kernels()
+    return compile_kernels()
+
+
+if __name__ == '__main__':
+    sys.exit(main(sys.argv[1:]))
