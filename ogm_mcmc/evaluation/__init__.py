@@ -59,6 +59,7 @@ from ogm_mcmc.evaluation.scan_fit import (
     ProbabilityBeams,
     SampleBeams,
 )
+from ogm_mcmc.evaluation.views import ReadingChannel, hits_of_map, hits_of_samples
 
 __all__ = [
     'LEAVING',
@@ -76,6 +77,7 @@ __all__ = [
     'PointScores',
     'ProbabilityBeams',
     'Ratio',
+    'ReadingChannel',
     'Reliability',
     'SampleBeams',
     'SampleBits',
@@ -95,6 +97,8 @@ __all__ = [
     'first_hits',
     'held_out_beams',
     'held_out_points',
+    'hits_of_map',
+    'hits_of_samples',
     'log_likelihood_of_samples',
     'near',
     'occupied_distance_error',

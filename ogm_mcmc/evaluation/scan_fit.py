@@ -11,8 +11,9 @@ Four readers of maps, each a `ScanFit` of `ParticleFilter`:
 
 The first two are the sensor models of amcl, written anew from what it does and with nav2's
 defaults: unknown cells are no walls to the field, and end a ray; a particle's weight is 1 plus
-the sum of p^3 over the beams, which is no product of likelihoods but says less, on purpose. Casts
-here are exact where amcl steps with Bresenham's line.
+the sum of p^3 over the beams, which is no product of likelihoods but says less, on purpose. With
+`product` the field is its `likelihood_field_prob`, the product. Casts here are exact where amcl
+steps with Bresenham's line.
 
 The other two take the `beam` model without short returns: p(z) is the sum over cells f of
 p(f first) p(z | f), and that of a scan the product over its beams. Beams are no independent
@@ -68,6 +69,7 @@ class LikelihoodField:
 
     grid_map: GridMap
     numbers: AmclNumbers = NAV2
+    product: bool = False
     distances: Float32Array = field(init=False)
     """(height, width), cells: to the nearest occupied cell, `furthest_m` at most."""
 
@@ -97,6 +99,7 @@ class LikelihoodField:
             n.clutter * cells,
             n.sigma_m * cells,
             n.furthest_m * cells,
+            self.product,
             log_p,
         )
         return log_p

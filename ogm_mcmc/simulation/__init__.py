@@ -13,7 +13,7 @@ sonars (`SonarRing`), each of which hears the nearest wall in its cone.
 """
 
 from ogm_mcmc.simulation.driving import DrivenScan, Driving, Nodes, drive, tour_of
-from ogm_mcmc.simulation.exploration import Exploration, Stop, explore
+from ogm_mcmc.simulation.exploration import Choice, Exploration, Stop, explore
 from ogm_mcmc.simulation.floor_plans import FLOOR_PLANS, generate_floor
 from ogm_mcmc.simulation.grid_world import GridWorld
 from ogm_mcmc.simulation.lidar import Lidar, true_ranges
@@ -40,6 +40,7 @@ __all__ = [
     'FLOOR_PLANS',
     'WORLDS',
     'Building',
+    'Choice',
     'DrivenScan',
     'Driving',
     'Exploration',

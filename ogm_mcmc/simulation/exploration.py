@@ -11,7 +11,7 @@ What is within its own radius it notices by touch: its ways keep clear of walls 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -33,7 +33,7 @@ from ogm_mcmc.simulation.raster_kernels import (
     walk_distances,
 )
 
-__all__ = ['Exploration', 'Stop', 'explore']
+__all__ = ['Choice', 'Exploration', 'Stop', 'explore']
 
 # Cells, beside twice the robot's radius.
 GIVEN_UP_AROUND = 8
@@ -73,6 +73,10 @@ class Stop(NamedTuple):
     way: AnyArray
 
 
+Choice = Callable[[AnyArray], tuple[int, int] | None]
+"""Where to go, given the steps (height, width) to each cell, -1: out of reach; None: nowhere."""
+
+
 class _Knowledge:
     """What the robot knows of a world, and scratch memory for its plans."""
 
@@ -100,7 +104,8 @@ class _Knowledge:
             )
         )
 
-    def _find_ways(self, column: int, row: int) -> None:
+    def find_ways(self, column: int, row: int) -> None:
+        """Find the way to every cell that is in reach from here."""
         room = (self.known == FREE) & (self.blocked == 0)
         walk_distances(room, column, row, self.distances, self._queue)
 
@@ -110,7 +115,7 @@ class _Knowledge:
         The frontier around it is given up: what cannot be seen from there never will be, as
         slits between furniture. So every stop comes nearer to an end.
         """
-        self._find_ways(column, row)
+        self.find_ways(column, row)
         nearby = 2 * math.ceil(self.settings.radius) + 2
         reach_out(self.known, self.distances, nearby, self._origins, self._queue)
         find_frontiers(self.known, self.given_up, self._frontier)
@@ -135,7 +140,7 @@ class _Knowledge:
 
     def somewhere(self, column: int, row: int, rng: np.random.Generator) -> tuple[int, int]:
         """Return a reachable cell at random."""
-        self._find_ways(column, row)
+        self.find_ways(column, row)
         reached = np.flatnonzero(self.distances >= 0)
         chosen = int(rng.choice(reached))
         row_of, column_of = divmod(chosen, self.world.spec.width)
@@ -154,11 +159,13 @@ def explore(
     settings: Exploration,
     rng: np.random.Generator,
     start: tuple[int, int] | None = None,
+    choose: Choice | None = None,
 ) -> Iterator[Stop]:
     """Yield stop after stop, each at a random point of its cell and with a random heading.
 
     Starts at a cell (column, row) or at a random one with room for the robot. Raises ConfigError
-    where there is none.
+    where there is none. `choose` takes the place of frontiers: it is asked for a cell in reach
+    when the next stop is wanted, so whoever takes the stops can map what was seen from them.
     """
     knowledge = _Knowledge(world, settings)
     column, row = start if start is not None else _random_start(world, settings.radius, rng)
@@ -170,7 +177,11 @@ def explore(
         x, y = column + rng.uniform(0.05, 0.95), row + rng.uniform(0.05, 0.95)
         knowledge.look(x, y)
         yield Stop(_pose_at(world, x, y, float(rng.uniform(-math.pi, math.pi))), way)
-        goal = knowledge.next_goal(column, row)
+        if choose is None:
+            goal = knowledge.next_goal(column, row)
+        else:
+            knowledge.find_ways(column, row)
+            goal = choose(knowledge.distances)
         if goal is None:
             if stop + 1 >= settings.min_stops:
                 return

@@ -28,12 +28,14 @@ from typing import Any, Protocol
 from ogm_mcmc.lab.experiments import (
     adaptive,
     counting,
+    exploration,
     gibbs_1d,
     gibbs_2d,
     joint_csail,
     joint_intel,
     joint_sim,
     leaderboard,
+    localization,
     patch_hardware,
     patch_mutual_information,
     patch_sim,
@@ -59,12 +61,14 @@ class Run(Protocol):
 EXPERIMENTS: dict[str, Run] = {
     'adaptive': adaptive.run,
     'counting': counting.run,
+    'exploration': exploration.run,
     'gibbs-1d': gibbs_1d.run,
     'gibbs-2d': gibbs_2d.run,
     'joint-csail': joint_csail.run,
     'joint-intel': joint_intel.run,
     'joint-sim': joint_sim.run,
     'leaderboard': leaderboard.run,
+    'localization': localization.run,
     'patch-intel': patch_hardware.run_intel,
     'patch-mutual-information': patch_mutual_information.run,
     'patch-sim': patch_sim.run,
@@ -77,9 +81,11 @@ EXPERIMENTS: dict[str, Run] = {
 
 # Those whose work goes through `run_all`. The others take seconds, or time what they do.
 SPREAD = (
+    'exploration',
     'gibbs-2d',
     'joint-sim',
     'leaderboard',
+    'localization',
     'patch-intel',
     'patch-sim',
     'patch-stata',

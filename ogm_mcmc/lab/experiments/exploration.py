@@ -1,0 +1,192 @@
+"""A robot that goes where a scan is expected to tell most ([gibbs] section I), and by which map.
+
+"Exploration algorithms ... evaluate the expected information" of a view, from a map that says how
+uncertain it is. The robot stands, scans, maps, and chooses among places in reach the one with most
+nats for the way there. What it expects comes from the traditional map, from the posterior mean
+(border prior) or from samples; all else is the same, and its poses are known. `frontier` asks no
+map: it is the explorer of `ogm_mcmc.simulation.exploration`, which goes to borders of the known.
+
+Whatever led the robot, what it measured is judged by the same maps: area covered and best F1 of
+the traditional map of its scans after so many metres, F1 at 0.5 of the border map at the end.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ogm_mcmc.arrays import Float64Array
+from ogm_mcmc.config import ForwardModelConfig, MapperConfig
+from ogm_mcmc.engine.live_map import map_of
+from ogm_mcmc.evaluation import aligned, confusion_counts
+from ogm_mcmc.geometry import GridMap, PlacedScan
+from ogm_mcmc.lab.experiments.datasets import run_all
+from ogm_mcmc.lab.experiments.exploration_views import POLICIES, Explorer, border_map
+from ogm_mcmc.lab.experiments.results import row, save_picture
+from ogm_mcmc.lab.experiments.scoring import THRESHOLDS
+from ogm_mcmc.plotting import Series, curves_png
+from ogm_mcmc.simulation import Exploration, GridWorld, Lidar, explore, generate_floor
+
+__all__ = ['run', 'score']
+
+BUILDINGS, SEEDS = 10, 5
+
+# After so many metres a robot is judged; it stops after the last.
+METRES = (10.0, 20.0, 40.0, 80.0)
+
+LIDAR = Lidar(90, range_min_m=0.0, range_max_m=7.5, noise_m=0.1, clutter=0.02)
+MODEL = ForwardModelConfig(sigma=0.1, clutter=0.02, missing=0.01)
+
+MEASURES = {'area_m2': 'area covered, m2', 'f1': 'best F1, traditional map'}
+AT_END = {'border_f1': 'F1 at 0.5, border map', 'stops': 'stops'}
+
+NOTES = [
+    '+- are standard errors over all runs; differences to `traditional map` are paired by '
+    'building and seed: the same start and the same lidar.',
+    'Cells that were never measured count as free in F1: half a map misses the other half.',
+]
+
+
+class Visited(NamedTuple):
+    """A scan from a stop and how far the robot has driven by then, m."""
+
+    placed: PlacedScan
+    driven_m: float
+
+
+def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
+    """Five seeds in each of ten buildings; quick: two in two."""
+    buildings = (2, 8) if quick else tuple(range(1, BUILDINGS + 1))
+    numbers = range(1, 3 if quick else SEEDS + 1)
+    names = {
+        (building, number): f'building{building:02d}_seed{number}'
+        for number in numbers
+        for building in buildings
+    }
+    results = run_all(
+        folder / 'datasets',
+        score,
+        {
+            f'{name}_{policy.split()[0]}': {
+                'building': building,
+                'number': number,
+                'policy': policy,
+                'seed': seed,
+            }
+            for (building, number), name in names.items()
+            for policy in POLICIES
+        },
+        title='exploration',
+        depends_on={'lidar': asdict(LIDAR), 'model': asdict(MODEL), 'metres': METRES},
+    )
+    of_policy = {
+        policy: [results[f'{name}_{policy.split()[0]}'] for name in names.values()]
+        for policy in POLICIES
+    }
+    settings = {
+        'seed': seed,
+        'runs': len(names),
+        'buildings': buildings,
+        'lidar': asdict(LIDAR),
+        'model': asdict(MODEL),
+    }
+    pictures = _draw(folder, of_policy)
+    return {'rows': rows_of(of_policy), 'pictures': pictures, 'settings': settings, 'notes': NOTES}
+
+
+def score(building: int, number: int, policy: str, seed: int) -> dict[str, Any]:
+    """Let one robot explore by one policy; judge what it measured on the way."""
+    world = generate_floor(building, seed)
+    visited = list(_explored(world, policy, (seed, building, number)))
+    scans = [one.placed for one in visited]
+    found: dict[str, Any] = {what: [] for what in MEASURES}
+    for limit in METRES:
+        so_far = [one.placed for one in visited if one.driven_m <= limit]
+        live = map_of(so_far, MapperConfig(resolution=world.spec.resolution_m))
+        area = np.count_nonzero(np.isfinite(live.probability)) * world.spec.resolution_m**2
+        found['area_m2'].append(float(area))
+        found['f1'].append(_f1(live, world)[0])
+    ended = border_map(scans, MODEL, world.spec.resolution_m, seed)
+    return {
+        **found,
+        'border_f1': _f1(ended, world)[1],
+        'stops': len(visited),
+        'driven_m': visited[-1].driven_m,
+    }
+
+
+def _explored(world: GridWorld, policy: str, seed: Sequence[int]) -> Iterator[Visited]:
+    """Yield what a robot sees until it has driven the last of `METRES` or nothing is left."""
+    way_rng, scan_rng, view_rng = np.random.default_rng(seed).spawn(3)
+    cell_m = world.spec.resolution_m
+    explorer = Explorer(policy, world.spec, MODEL, LIDAR.range_max_m, view_rng)
+    settings = Exploration(reach=LIDAR.range_max_m / cell_m, max_stops=1000)
+    choose = None if policy == POLICIES[0] else explorer.choose
+    bearings, driven = LIDAR.bearings(), 0.0
+    for stop in explore(world, settings, way_rng, choose=choose):
+        driven += (len(stop.way) - 1) * cell_m
+        if driven > METRES[-1]:
+            return
+        exact = world.ranges(stop.pose, bearings, LIDAR.range_max_m, MODEL.depth)
+        placed = PlacedScan.at(LIDAR.scan(LIDAR.observe(exact, scan_rng), 0), stop.pose)
+        explorer.take(placed)
+        yield Visited(placed, driven)
+
+
+def _f1(grid_map: GridMap, world: GridWorld) -> tuple[float, float]:
+    """Return F1 at the best threshold and at 0.5, over all cells that could be measured."""
+    seen = world.observable()
+    probability = np.nan_to_num(aligned(grid_map, world.truth()), nan=0.0)[seen]
+    counts = confusion_counts(probability, world.occupied[seen] == 1, THRESHOLDS)
+    return float(counts.best().f1), float(counts.f1()[counts.thresholds == 0.5][0])
+
+
+def rows_of(of_policy: Mapping[str, Sequence[Mapping[str, Any]]]) -> list[dict[str, Any]]:
+    """Return means with standard errors, and paired differences to the traditional map's."""
+    measured = [
+        (f'{what} after {metres:g} m', [_column(runs, key, k) for runs in of_policy.values()])
+        for key, what in MEASURES.items()
+        for k, metres in enumerate(METRES)
+    ]
+    measured += [
+        (what, [_column(runs, key) for runs in of_policy.values()]) for key, what in AT_END.items()
+    ]
+    rows = []
+    for what, columns in measured:
+        by_policy = dict(zip(of_policy, columns, strict=True))
+        for policy, values in by_policy.items():
+            mean, error = _mean_and_error(values)
+            gained, of_gain = _mean_and_error(values - by_policy[POLICIES[1]])
+            remark = f'+- {error:.3g}; {gained:+.3g} +- {of_gain:.2g} to {POLICIES[1]}'
+            rows.append(row(f'{what}: {policy}', mean, None, remark))
+    return rows
+
+
+def _column(runs: Sequence[Mapping[str, Any]], key: str, k: int | None = None) -> Float64Array:
+    return np.array([one[key] if k is None else one[key][k] for one in runs], np.float64)
+
+
+def _mean_and_error(values: Float64Array) -> tuple[float, float]:
+    error = values.std(ddof=1) / math.sqrt(values.size) if values.size > 1 else math.nan
+    return float(values.mean()), float(error)
+
+
+def _draw(folder: Path, of_policy: Mapping[str, Sequence[Mapping[str, Any]]]) -> dict[str, str]:
+    captions = {}
+    for key, what in MEASURES.items():
+        curves = [
+            Series(
+                policy,
+                np.array(METRES),
+                np.array([_column(runs, key, k).mean() for k in range(len(METRES))]),
+            )
+            for policy, runs in of_policy.items()
+        ]
+        save_picture(folder / f'{key}.png', curves_png(curves, 'metres driven', what))
+        captions[f'{key}.png'] = f'{what} over metres driven, mean of all runs'
+    return captions

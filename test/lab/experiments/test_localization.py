@@ -1,0 +1,103 @@
+"""Localizing in maps: a filter that finds its way, and what counts as lost and found."""
+
+import math
+
+import numpy as np
+import pytest
+
+from ogm_mcmc.config import ForwardModelConfig
+from ogm_mcmc.evaluation import LikelihoodField, ProbabilityBeams
+from ogm_mcmc.geometry import GridMap, GridSpec, Pose2D
+from ogm_mcmc.lab.experiments import localization
+from ogm_mcmc.lab.experiments.localization_logs import Log, log_of
+from ogm_mcmc.lab.experiments.localization_maps import some_beams
+from ogm_mcmc.sensors.forward_model import ForwardModel
+from ogm_mcmc.simulation import GridWorld, Lidar, OdometryNoise
+from ogm_mcmc.trajectory.points import poses_of
+
+LIDAR = Lidar(60, range_max_m=8.0, noise_m=0.02, dropout=0.0)
+# Where odometry has its origin.
+AWAY = np.array([5.0, 1.0, 0.0])
+MODEL = ForwardModel.from_config(ForwardModelConfig(sigma=0.1))
+
+
+@pytest.fixture(scope='module')
+def room():
+    """A room of 6 m x 4 m without symmetry, and a log of a way through it."""
+    occupied = np.zeros((40, 60), np.uint8)
+    occupied[[0, -1]] = occupied[:, [0, -1]] = 1
+    occupied[1:14, 20:24] = occupied[28:39, 45:48] = occupied[18:21, 1:8] = 1
+    world = GridWorld(GridSpec(0.1, 60, 40), occupied)
+    along = np.linspace(0.0, 1.0, 40)
+    poses = np.column_stack((1.2 + 3.6 * along, 2.3 + 0.3 * np.sin(6 * along), 2 * along - 1))
+    rng = np.random.default_rng(1)
+    scans = [
+        LIDAR.scan(LIDAR.observe(world.ranges(pose, LIDAR.bearings(), 8.0), rng), k)
+        for k, pose in enumerate(poses_of(poses))
+    ]
+    return world.truth(), Log(scans, poses, poses + AWAY, OdometryNoise(), 0.1)
+
+
+def test_a_filter_keeps_to_its_way_in_a_room_without_symmetry(room):
+    truth, log = room
+    fit = ProbabilityBeams(truth, MODEL, 0.05)
+    tracked = localization.track(log, fit, 0.2, np.random.default_rng(2))
+    assert tracked['lost'] == 0
+    assert tracked['error_m'] < 0.03
+    assert tracked['error_deg'] < 1.0
+
+
+def test_a_filter_finds_back_where_the_map_says_where_it_is(room):
+    truth, log = room
+    fit = ProbabilityBeams(truth, MODEL, 0.05)
+    assert localization.recover(log, fit, 0.2, np.random.default_rng(2)) >= 0.75
+    nothing = GridMap(truth.spec, np.full_like(truth.probability, np.nan))
+    nowhere = LikelihoodField(nothing)
+    assert localization.recover(log, nowhere, 1.0, np.random.default_rng(2)) <= 0.25
+
+
+def test_each_loss_counts_once(room):
+    """Odometry that jumps by 3 m once, and a map that says nothing: lost once, then right."""
+    truth, log = room
+    told = log.reference.copy()
+    told[20:, 0] += 3.0
+    nothing = LikelihoodField(GridMap(truth.spec, np.full_like(truth.probability, np.nan)))
+    sure = OdometryNoise(1e-3, 1e-3, 1e-3, 1e-3)
+    tracked = localization.track(
+        log._replace(odometry=told, noise=sure), nothing, 1.0, np.random.default_rng(3)
+    )
+    assert tracked['lost'] == 1
+    assert tracked['error_m'] < 0.2
+
+
+def test_wrong_starts_are_as_wrong_as_they_are_said_to_be():
+    pose, rng = Pose2D(1.0, 2.0, 3.0), np.random.default_rng(4)
+    for _ in range(10):
+        away, turned = localization._off(localization._wrong(pose, rng), pose)
+        assert away == pytest.approx(localization.OFF_M)
+        assert turned == pytest.approx(localization.OFF_RAD)
+
+
+def test_errors_over_runs_leave_out_those_without_one():
+    mean, error = localization._with_error([1.0, 3.0, math.nan])
+    assert (mean, error) == (pytest.approx(2.0), pytest.approx(1.0))
+    assert all(math.isnan(value) for value in localization._with_error([math.nan]))
+
+
+def test_some_beams_are_a_share_of_all(room):
+    _, log = room
+    placed = log.placed(slice(0, None, 2))
+    kept = some_beams(placed, 0.25, np.random.default_rng(5))
+    count = sum(int(scan.measured().sum()) for scan, _ in kept)
+    assert count == pytest.approx(0.25 * 60 * len(placed), rel=0.2)
+    assert [one.pose for one in kept] == [one.pose for one in placed]
+
+
+@pytest.mark.slow
+def test_log_of_a_building_is_scans_along_a_way():
+    log = log_of('building-10', 3)
+    steps = np.diff(log.reference, axis=0)
+    assert len(log.scans) == len(log.reference) == len(log.odometry) > 50
+    assert np.hypot(steps[:, 0], steps[:, 1]).max() < 1.0
+    drift = np.hypot(*(log.odometry - log.reference)[-1, :2])
+    assert drift > 0.5
