@@ -217,7 +217,7 @@ class RefineServerConfig:
         _check_save_name(self.save_name)
 
 
-LEARNED = PatchConfig(prior='border', size=9)
+LEARNED = PatchConfig(prior='border', size=9, strength=1.3)
 FITTED = ChainConfig(sensor='fitted')
 
 

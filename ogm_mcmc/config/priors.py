@@ -67,6 +67,13 @@ class PatchTableConfig:
         low=0.0,
         high=0.5,
     )
+    strength: float = setting(
+        1.0,
+        'power that the learned probabilities are raised to before they are cut off; above 1 '
+        'what is likely becomes likelier; 1: as counted',
+        low=0.1,
+        high=10.0,
+    )
     max_floor: float = setting(
         1.0,
         'what the patches not listed of one border may weigh together; 1: what was learned',

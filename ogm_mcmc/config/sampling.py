@@ -198,6 +198,13 @@ class PatchConfig:
     )
     size: int = setting(1, 'number of cells in a patch: 1, 9 or 25', low=1, high=25)
     prior_file: str = setting('', 'prior file made by learn-prior; empty: the installed one')
+    strength: float = setting(
+        1.0,
+        'patch, border: power that the learned probabilities are raised to; 1: as counted, which '
+        'leaves sparsely measured space full of specks; 0.1 to 10',
+        low=0.1,
+        high=10.0,
+    )
     order: str = setting(
         'tiled',
         'tiled: patches side by side from a random offset; random: patches at random places, as'

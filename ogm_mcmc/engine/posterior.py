@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
@@ -30,6 +31,7 @@ class PatchPrior(NamedTuple):
 def patch_prior(config: SamplerConfig, trimming: PatchTableConfig | None = None) -> PatchPrior:
     """Return the prior that the settings name; `trimming` says which patterns are kept.
 
+    Its strength is that of the settings of patches.
     Raises PriorError for a file that cannot be used.
     """
     return _patch_prior(config.patch, config.chain.prior, config.window.resolution, trimming)
@@ -77,6 +79,7 @@ def _patch_prior(
     if patch.prior == 'uniform':
         table = make_table('uniform', patch.size, None, trimming, p_occupied=cell_prior)
         return PatchPrior(table, cell_prior)
+    trimming = replace(trimming or PatchTableConfig(), strength=patch.strength)
     file = patch.prior_file
     path = user_path(file, 'patch.prior_file', PriorError) if file else default_prior_file()
     counts = _learned(path, resolution_m).counts

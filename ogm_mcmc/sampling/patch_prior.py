@@ -1,6 +1,49 @@
 """Prior probabilities of patches as flat tables for a sampler ([patch] section III).
 
 `ogm_mcmc.sampling.border_backoff` says how counts of borders become probabilities.
+
+Design note: a prior to a power
+-------------------------------
+Context. Far from data chains under the counts of real maps end in noise: half of the cells
+occupied, at random. No map looks like that. Each conditional is right (a speckled border has a
+speckled patch inside, in SLAM maps as well), but they belong to no joint distribution that would
+say how rare speckled borders are. Where beams are sparse the noise grows from the rim of unknown
+space inwards, and beams that cross it are disbelieved: in a hall measured by 18 beams a scan
+1400 of the free cells were called occupied, of 620 that are.
+
+Decision. What is learned is raised to a power, `strength`, and normalised again: 1.3 for
+`refine_server` and `sample`, 1 for the experiments of [patch]. Likely patches become likelier,
+noise dies out, walls stay.
+
+Consequence. F1 at 0.5 on the cells that the live map measured and calibration error, one of 20
+beams, 100 sweeps (buildings 10 cm, hospital 5 cm with a prior learned without it); nats per beam
+of Intel, every tenth scan, 120 sweeps, judged by others:
+
+=========  =============  =============  =============  =============  ======
+strength   building 9     building 5     building 1     hospital       Intel
+=========  =============  =============  =============  =============  ======
+1          0.461, 0.061   0.945, 0.018   0.979, 0.015   0.566, 0.035   0.213
+1.15                                                                   0.262
+1.2        0.908, 0.010   0.968, 0.012   0.978, 0.012
+**1.3**                                                 0.808, 0.013   0.299
+1.35       0.927, 0.006   0.963, 0.010   0.978, 0.010
+1.5        0.915, 0.005   0.957, 0.009   0.969, 0.009                  0.319
+2          0.827, 0.003
+(live)     0.953, 0.178   0.959, 0.170   0.960, 0.163   0.920, 0.173   -1.133
+=========  =============  =============  =============  =============  ======
+
+With all beams it makes no difference. Far above 1.3 lone obstacles that one beam met are lost.
+Taken window by window other SLAM maps are best predicted with 1 (`learn-prior --held-out`: 0.681
+nats, 0.708 with 1.15, 0.759 with 1.3): the power mends the chain of conditionals, not each of
+them. Instead of a power, building 9: specks of fewer than 12 cells removed from the training maps
+(F1 0.606), independent cells of 0.15 mixed in (p^0.5 q^0.5, 0.163), cells up to 30 instead of 5
+from a ray sampled (0.618), counts of the generated buildings (0.084): worse.
+
+Inferred from the data, tried: the power under which windows are likeliest given their borders
+(pseudo-likelihood). In live maps, fully measured windows: 1.75 (building 9, one of 20 beams), 1.5
+(building 1), 1.2 (office), 1.0 (Intel): noise of the readings counts as specks, and Intel's own
+best is above 1.3. In sampled maps, patches at which rays arrive: 1.2, 1.2, 1.5, the same from
+chains with 1, 1.25 and 1.5. A fixed 1.3 is as good as either.
 """
 
 from __future__ import annotations
@@ -23,6 +66,7 @@ __all__ = [
     'log_probabilities',
     'make_table',
     'nats_per_window',
+    'sharpened',
 ]
 
 PRIORS = ('uniform', 'patch', 'border')
@@ -136,7 +180,9 @@ def _unconditioned(patch_size: int, counts: PatchCounts, config: PatchTableConfi
     """The share of each pattern among all windows; what none shows has the floor."""
     single = np.zeros(1, np.int32)
     if patch_size < 25:
-        shares = _shares(counts.cells if patch_size == 1 else counts.patches)
+        shares = sharpened(
+            _shares(counts.cells if patch_size == 1 else counts.patches), config.strength
+        )
         return _table(
             patch_size, single, [_listed(shares[None], config.min_share, config.max_floor)]
         )
@@ -144,7 +190,10 @@ def _unconditioned(patch_size: int, counts: PatchCounts, config: PatchTableConfi
     # 2**25 rows of nothing: the floor is worked out, not filled in. As many windows as there are
     # different patterns stand for those never seen, as of the dropped ones (Witten and Bell).
     total = float(seen.sum() + 8 * counts.dropped + seen.size)
-    shares = seen / total
+    unseen = 2**25 - patterns.size
+    rest = (8 * counts.dropped + seen.size) / total
+    shares = (seen / total) ** config.strength
+    shares /= float(shares.sum()) + unseen * (rest / unseen) ** config.strength
     listed = shares >= min(config.min_share, float(shares.max()))
     patterns, shares = patterns[listed], shares[listed]
     order = np.lexsort((patterns, -shares))
@@ -182,8 +231,18 @@ def _bordered(patch_size: int, counts: PatchCounts, config: PatchTableConfig) ->
     for first in range(0, entries.size, CHUNK):
         chunk = entries[first : first + CHUNK]
         rows = smoothed(chunk & 0xFFFFFFFF, chunk >> 32, levels, base, config.backoff_weight)
+        rows = sharpened(rows, config.strength)
         parts.append(_listed(rows, config.min_probability, config.max_floor))
     return _table(patch_size, entry_of_border.astype(np.int32), parts)
+
+
+def sharpened(rows: Float64Array, strength: float) -> Float64Array:
+    """Return distributions (..., 2**L) in proportion to the given ones to a power."""
+    if strength == 1.0:
+        return rows
+    powers = rows**strength
+    powered: Float64Array = powers / powers.sum(axis=-1, keepdims=True)
+    return powered
 
 
 class _Listed(NamedTuple):
