@@ -65,6 +65,7 @@ class ManagedNode(LifecycleNode):
         self.compiling = ''  # what to say of kernels that are not there yet
         self.steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._failure: OgmError | None = None
+        self._starting = False  # by itself, until it works
         self._warming: _Warming | None = None
         # rclpy raises, and the node ends, when somebody asks for a transition that does not fit.
         self._change_state = self._service_change_state.callback
@@ -105,6 +106,7 @@ class ManagedNode(LifecycleNode):
         if not self.parameters.read(ManagedConfig).autostart:
             self.get_logger().info('waits for ~/change_state (autostart is false)')
             return
+        self._starting = True
         for trigger in (self.trigger_configure, self.trigger_activate):
             if trigger() != SUCCESS:
                 raise self._failure or OgmError(f'{self.get_name()}: cannot start')
@@ -131,12 +133,15 @@ class ManagedNode(LifecycleNode):
         try:
             self._begin_if_ready()
         except OgmError as error:
-            self._failure = error
-            self.get_logger().error(f'not activated: {error}')
-            self.active = False
-            self._end()
+            self._not_activated(error)
             return FAILURE
         return SUCCESS
+
+    def _not_activated(self, error: OgmError) -> None:
+        self._failure = error
+        self.get_logger().error(f'not activated: {error}')
+        self.active = False
+        self._end()
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Pause: no scans, no maps; what was mapped stays."""
@@ -172,6 +177,7 @@ class ManagedNode(LifecycleNode):
             self._idle = self._entities()
             self.working = True
             self.begin()
+            self._starting = False
 
     def _end(self) -> None:
         if self.working:
@@ -213,7 +219,14 @@ class ManagedNode(LifecycleNode):
             return
         self._warming, self.compiling = None, ''
         self.get_logger().info(f'kernels ready after {seconds:.2f} s')
-        self._begin_if_ready()
+        try:
+            self._begin_if_ready()
+        except OgmError as error:
+            if self._starting:
+                raise  # as where the kernels were ready at once: the process ends with one line
+            # Activation was answered long ago: the state says that it failed after all.
+            self._not_activated(error)
+            self.trigger_deactivate()
 
     # -- parameters -------------------------------------------------------------------------
 
@@ -251,7 +264,13 @@ class ManagedNode(LifecycleNode):
         return self.create_timer(seconds, due, clock=self.steady)
 
     def _entities(self) -> set[Any]:
-        return {*self.publishers, *self.subscriptions, *self.services, *self.timers}
+        return {
+            *self.publishers,
+            *self.subscriptions,
+            *self.services,
+            *self.clients,
+            *self.timers,
+        }
 
     def _destroy_since(self, before: set[Any]) -> None:
         """Destroy all that was made since."""
@@ -259,6 +278,7 @@ class ManagedNode(LifecycleNode):
             (self.subscriptions, self.destroy_subscription),
             (self.timers, self.destroy_timer),
             (self.services, self.destroy_service),
+            (self.clients, self.destroy_client),
             (self.publishers, self.destroy_publisher),
         ):
             for entity in set(entities) - before:

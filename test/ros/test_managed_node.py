@@ -1,6 +1,7 @@
 """States of the nodes, and what may be done to a running one."""
 
 import signal
+import threading
 import time
 from types import SimpleNamespace
 
@@ -25,9 +26,13 @@ from rcl_interfaces.srv import (
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import LaserScan
 from std_srvs.srv import Trigger
-from support.local_ros import local_node
+from rclpy.lifecycle import TransitionCallbackReturn
+from support.local_ros import Logs, local_node
 from support.ros import NodeProcess, Observer
 
+from ogm_mcmc.config.nodes import ManagedConfig
+from ogm_mcmc.errors import ConfigError
+from ogm_mcmc.ros.managed_node import ManagedNode
 from ogm_mcmc.ros.online_mapper import OnlineMapper
 from ogm_mcmc.ros.qos import LATCHED, POSES
 
@@ -172,6 +177,77 @@ def test_what_cannot_be_configured_is_said_and_may_be_mended(user):
         assert user.state() == 'unconfigured'
         assert node.stop() == 0, node.output
     assert 'not configured: ' in node.output
+
+
+class Small(ManagedNode):
+    """Its kernels are ready when the test says so; it begins, or not, as the test says."""
+
+    def __init__(self, fault='', **options):
+        self.kernels, self.fault = threading.Event(), fault
+        super().__init__('small', [ManagedConfig], frozenset(), **options)
+        self.logs = Logs(self)
+        self.start()
+
+    def set_up(self):
+        self.create_service(Trigger, '~/ask', lambda asked, answer: answer)
+
+    def warm_up(self):
+        self.kernels.wait(60.0)
+
+    def begin(self):
+        self.create_client(Trigger, 'somebody')
+        if self.fault:
+            raise ConfigError(self.fault)
+
+    def end(self):
+        pass
+
+    tear_down = parameters_changed = end
+
+
+def managed():
+    return [Parameter('autostart', value=False)]
+
+
+def state_of(node):
+    return node._state_machine.current_state[1]
+
+
+def test_an_activation_that_fails_after_the_kernels_may_be_tried_again():
+    with local_node(Small, ready=False, fault='no laser', parameter_overrides=managed()) as node:
+        assert node.trigger_configure() == TransitionCallbackReturn.SUCCESS
+        assert node.trigger_activate() == TransitionCallbackReturn.SUCCESS
+        assert state_of(node) == 'active'
+        node.kernels.set()
+        node.until(lambda: state_of(node) == 'inactive')
+        assert node.logs.of('error') == ['not activated: no laser']
+        assert not node.working
+        assert node.trigger_activate() == TransitionCallbackReturn.FAILURE  # now they are ready
+        assert state_of(node) == 'inactive'
+        node.fault = ''
+        assert node.trigger_activate() == TransitionCallbackReturn.SUCCESS
+        assert node.working
+
+
+def test_a_node_that_starts_by_itself_ends_where_it_cannot():
+    with local_node(Small, ready=False, fault='no laser') as node:
+        node.kernels.set()
+        with pytest.raises(ConfigError, match='no laser'):
+            node.until(lambda: False)
+
+
+def test_what_the_active_node_made_is_gone_when_it_is_not():
+    with local_node(Small, ready=False, parameter_overrides=managed()) as node:
+        node.kernels.set()
+        node.trigger_configure()
+        node.until(lambda: not node.compiling and node._warming is None)
+        for _ in range(3):
+            node.trigger_activate()
+            assert len(list(node.clients)) == 1
+            node.trigger_deactivate()
+            assert not list(node.clients)
+        node.trigger_cleanup()
+        assert not any(one.srv_name == '/small/ask' for one in node.services)
 
 
 def test_dumped_parameters_can_be_loaded(user):

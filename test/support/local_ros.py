@@ -50,8 +50,10 @@ class Logs:
 
 
 @contextmanager
-def local_node(make: Any = Node, name: str = 'local', **options: Any) -> Iterator[Any]:
-    """Make a node in a context of its own; `node.until(condition)` spins it."""
+def local_node(
+    make: Any = Node, name: str = 'local', *, ready: bool = True, **options: Any
+) -> Iterator[Any]:
+    """Make a node in a context of its own, `ready` to work; `node.until(condition)` spins it."""
     context = rclpy.context.Context()
     rclpy.init(context=context, args=[])
     node = (
@@ -64,7 +66,7 @@ def local_node(make: Any = Node, name: str = 'local', **options: Any) -> Iterato
     node.until = lambda condition, timeout_s=10.0: spin_until(executor, condition, timeout_s)
     try:
         # One of ours compiles its kernels first, beside.
-        node.until(lambda: getattr(node, 'working', True), 300.0)
+        node.until(lambda: not ready or getattr(node, 'working', True), 300.0)
         yield node
     finally:
         executor.shutdown()
