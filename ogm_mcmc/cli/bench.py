@@ -25,8 +25,8 @@ from ogm_mcmc.cli.options import (
 )
 from ogm_mcmc.cli.simulated_sensor import FURTHEST_M
 from ogm_mcmc.cli.simulated_world import check_cells
-from ogm_mcmc.config import ForwardModelConfig, MapperConfig, PlacingConfig, WindowConfig
-from ogm_mcmc.config.nodes import RefineSamplerConfig
+from ogm_mcmc.config import ForwardModelConfig, MapperConfig, PlacingConfig
+from ogm_mcmc.config.nodes import NodeWindowConfig, RefineSamplerConfig
 from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.geometry import PlacedScan, PoseBelief
 from ogm_mcmc.io.world_files import load_world
@@ -161,7 +161,8 @@ def run_refine(options: argparse.Namespace) -> int:
         scene = generated_scene() if options.scene is None else load_scene(options.scene)
         cell = scene.resolution_m
         noisy = RefineSamplerConfig(
-            model=ForwardModelConfig(sigma=SCENE_CELLS * cell), window=WindowConfig(cell)
+            model=ForwardModelConfig(sigma=SCENE_CELLS * cell),
+            window=NodeWindowConfig(cell, no_return='clear'),
         )
         result['scene'] = {
             **time_refining(scene.placed, noisy, patience), 'source': scene.source,
@@ -169,7 +170,7 @@ def run_refine(options: argparse.Namespace) -> int:
         office = time_refining(recorded_office(), RefineSamplerConfig(), patience)
         result['office'] = {**office, 'source': 'simulated office'}
     if options.bag is not None:
-        window = WindowConfig(
+        window = NodeWindowConfig(
             options.resolution or 0.05,
             no_return=options.no_return or 'ignore',
             max_memory_mb=1e6,

@@ -31,7 +31,8 @@ from ogm_mcmc.cli.options import (
     config_from,
     print_result,
 )
-from ogm_mcmc.config import MapperConfig, PlacingConfig, StopConfig, given
+from ogm_mcmc.config import PlacingConfig, StopConfig, given
+from ogm_mcmc.config.nodes import NodeMapperConfig
 from ogm_mcmc.errors import BagError, ConfigError, OgmError
 from ogm_mcmc.files.output_files import folder_to_fill
 from ogm_mcmc.io.map_sheet import save_side_by_side
@@ -61,7 +62,7 @@ def add_to(subparsers: Subparsers) -> None:
         '--sampling-time', type=float, default=10.0, metavar='S', help='time for ~/refine, s'
     )
     parser.add_argument('--json', action='store_true', help='print the result as JSON')
-    add_config_options(parser, 'mapping', MapperConfig, PlacingConfig)
+    add_config_options(parser, 'mapping', NodeMapperConfig, PlacingConfig)
     add_stream_options(parser)
     parser.set_defaults(run=run)
 
@@ -75,7 +76,7 @@ def run(options: argparse.Namespace) -> int:
             f'the demo needs rclpy ({error}): pip install "ogm_mcmc[ros]", or source a ROS 2 setup'
         ) from error
     # Wrong values are refused before anything starts.
-    config_from(options, MapperConfig)
+    config_from(options, NodeMapperConfig)
     StopConfig(max_time=options.sampling_time)
     with (
         folder_to_fill(options.folder.absolute()) as folder,
@@ -102,9 +103,8 @@ def _map_and_refine(
 ) -> dict[str, Any]:
     """Run the nodes; return what happened."""
     namespace = client.namespace
-    no_return = _no_return(options, source)
-    mapper_arguments = _mapper_arguments(options, source, folder, no_return)
-    refiner_arguments = _refiner_arguments(options, source, folder, no_return)
+    mapper_arguments = _mapper_arguments(options, source, folder)
+    refiner_arguments = _refiner_arguments(options, source, folder)
     with (
         _process('online_mapper', [*mapper_arguments, '-r', f'__ns:={namespace}']) as mapper,
         _process('refine_server', [*refiner_arguments, '-r', f'__ns:={namespace}']) as refiner,
@@ -153,36 +153,19 @@ def _beam_stride(source: DemoInput) -> int:
     return max(1, -(-source.n_scans * source.beams // MOST_RAYS))
 
 
-def _no_return(options: argparse.Namespace, source: DemoInput) -> str:
-    chosen = given(options, MapperConfig)
-    if source.from_log and 'no_return' not in chosen:
-        # Indoors most beams of a SICK without a return point at glass or dark walls.
-        print('no return: ignored (--no-return clear to let it clear)', file=sys.stderr)
-        return 'ignore'
-    return config_from(options, MapperConfig).no_return
-
-
-def _mapper_arguments(
-    options: argparse.Namespace, source: DemoInput, folder: Path, no_return: str
-) -> list[str]:
-    parameters = {
-        **_common(options, source, folder),
-        **given(options, MapperConfig),
-        'no_return': no_return,
-    }
+def _mapper_arguments(options: argparse.Namespace, source: DemoInput, folder: Path) -> list[str]:
+    parameters = {**_common(options, source, folder), **given(options, NodeMapperConfig)}
     file = [] if options.params_file is None else ['--params-file', str(options.params_file)]
     return _node_arguments('online_mapper', parameters, file)
 
 
-def _refiner_arguments(
-    options: argparse.Namespace, source: DemoInput, folder: Path, no_return: str
-) -> list[str]:
-    mapping = config_from(options, MapperConfig)
+def _refiner_arguments(options: argparse.Namespace, source: DemoInput, folder: Path) -> list[str]:
+    mapping = config_from(options, NodeMapperConfig)
     parameters = {
         **_common(options, source, folder),
         'window.resolution': mapping.resolution,
         'window.max_range': mapping.max_range,
-        'window.no_return': no_return,
+        'window.no_return': mapping.no_return,
         'window.beam_stride': _beam_stride(source),
         'chain.burn_in': BURN_IN,
         'max_scans': source.n_scans,

@@ -13,7 +13,8 @@ import numpy as np
 from ogm_mcmc.cli.bag_scans import say
 from ogm_mcmc.cli.import_carmen import describe
 from ogm_mcmc.cli.options import config_from, stream_choice
-from ogm_mcmc.config import MapperConfig, PlacingConfig
+from ogm_mcmc.config import PlacingConfig
+from ogm_mcmc.config.nodes import NodeMapperConfig
 from ogm_mcmc.engine.bag_scans import PlacedScans
 from ogm_mcmc.engine.bag_topics import choose_topics
 from ogm_mcmc.engine.mounts import mounts_setting
@@ -36,7 +37,6 @@ class DemoInput(NamedTuple):
     """
 
     bag: Path
-    from_log: bool
     scan_topics: tuple[str, ...]
     pose_topic: str
     pose_source: str
@@ -50,7 +50,6 @@ class DemoInput(NamedTuple):
 
 def prepare(path: Path | None, folder: Path, options: argparse.Namespace) -> DemoInput:
     """Turn whatever was named into a bag, and look into it."""
-    from_log = False
     if path is None:
         bag_path = folder / 'recording'
         count = write_recording(
@@ -60,20 +59,20 @@ def prepare(path: Path | None, folder: Path, options: argparse.Namespace) -> Dem
     elif path.is_dir() or path.suffix in BAG_SUFFIXES:
         bag_path = path
     else:
-        bag_path, from_log = folder / 'recording', True
+        bag_path = folder / 'recording'
         if not path.exists():
             raise LogError(f'{path}: no such file; expected a CARMEN log or a bag')
         print(
             describe(import_carmen(path, bag_path, ImportOptions(), overwrite=True)),
             file=sys.stderr,
         )
-    return _looked_into(bag_path, from_log, options)
+    return _looked_into(bag_path, options)
 
 
-def _looked_into(bag_path: Path, from_log: bool, options: argparse.Namespace) -> DemoInput:
+def _looked_into(bag_path: Path, options: argparse.Namespace) -> DemoInput:
     """Choose scans and poses as `map` does, and say so."""
     choice = stream_choice(
-        options, config_from(options, PlacingConfig), config_from(options, MapperConfig)
+        options, config_from(options, PlacingConfig), config_from(options, NodeMapperConfig)
     )
     with BagReader(bag_path) as bag:
         topics = choose_topics(bag, replace(choice, sensor='scan'))
@@ -88,7 +87,6 @@ def _looked_into(bag_path: Path, from_log: bool, options: argparse.Namespace) ->
     computed = '' if recorded else topics.pose_source
     return DemoInput(
         bag_path,
-        from_log,
         tuple(topic.name for topic in topics.scans),
         topics.pose_name,
         topics.pose_source if recorded else 'pose',

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import time
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from ogm_mcmc.arrays import Float64Array
 from ogm_mcmc.cli.bag_scans import placed_scans
@@ -19,17 +21,21 @@ from ogm_mcmc.cli.options import (
     print_result,
 )
 from ogm_mcmc.config import MapperConfig, OutputConfig, PlacingConfig, flatten
+from ogm_mcmc.config.nodes import NodeMapperConfig
 from ogm_mcmc.engine.bag_scans import PlacedScans
-from ogm_mcmc.engine.no_returns import NoReturns, NoReturnWatch
+from ogm_mcmc.engine.no_returns import NoReturnChoice, NoReturnWatch, no_return_of
 from ogm_mcmc.engine.saved_map import MapToSave, replacing_map
 from ogm_mcmc.errors import GridError
 from ogm_mcmc.files.output_files import checked_name, makeable_folder
 from ogm_mcmc.io.map_files import points_file, save_npz, table_file
 from ogm_mcmc.io.point_files import read_points, write_prediction
-from ogm_mcmc.mapping import predictor
+from ogm_mcmc.mapping import make_method, predictor
 from ogm_mcmc.pipeline import MappingPipeline
 
 __all__ = ['add_to']
+
+# So many scans are read ahead to see what no return means, and no more: they take memory.
+AHEAD = 5000
 
 
 def add_to(subparsers: Subparsers) -> None:
@@ -41,7 +47,7 @@ def add_to(subparsers: Subparsers) -> None:
     )
     parser.add_argument('--name', default='map', help='name of the files')
     # The PGM is trinary and the NPZ holds probabilities: nothing for `output` to choose.
-    configs = (MapperConfig, OutputConfig, PlacingConfig)
+    configs = (NodeMapperConfig, OutputConfig, PlacingConfig)
     add_config_options(parser, 'mapping', *configs, without=('output',))
     parser.add_argument(
         '--points', type=Path, metavar='FILE',
@@ -55,22 +61,22 @@ def add_to(subparsers: Subparsers) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run the command."""
-    config, output = config_from(options, MapperConfig), config_from(options, OutputConfig)
+    config, output = config_from(options, NodeMapperConfig), config_from(options, OutputConfig)
     placing = config_from(options, PlacingConfig)
-    pipeline = MappingPipeline(config)
+    make_method(config)  # may refuse the settings
     points = _points(options, config)
     # What cannot be saved is better said before the work than after it.
     checked_name(options.name)
     makeable_folder(options.folder)
     started = time.perf_counter()
     with placed_scans(options, placing, config, title='map') as scans:
-        off_map, no_returns = _map_all(pipeline, scans)
+        pipeline, no_return, off_map = _map_all(config, scans)
     topics = scans.topics
     # A single sensor may well sit at mount.x, mount.y; several of them hardly do.
     sure = {f for f, m in scans.mounts.items() if m.origin.startswith('tf')}
     sure |= {topics.base_frame, *placing.mount.named()}
     unmounted = sorted(scans.frames - sure) if len(scans.frames) > 1 else []
-    settings = {**flatten(config), **flatten(output), **flatten(placing)}
+    settings = {**flatten(pipeline.config), **flatten(output), **flatten(placing)}
     saved = MapToSave(pipeline)
     spec = saved.grid_map.spec
     files = {kind: f'{options.name}.{kind}' for kind in ('npz', 'png', 'pgm', 'yaml')} | {
@@ -88,7 +94,7 @@ def run(options: argparse.Namespace) -> int:
         'scans_used': pipeline.scans_used,
         'dropped': dict(scans.placer.dropped),
         **({'refused': off_map} if off_map else {}),
-        'no_return_crossing': round(no_returns.share, 3),
+        'no_return': no_return.as_dict(),
         'frames_without_mount': unmounted,
         'mounts': {frame: str(found) for frame, found in scans.mounts.items()},
         'width': spec.width,
@@ -108,8 +114,8 @@ def run(options: argparse.Namespace) -> int:
         (scratch / f'{options.name}.json').write_text(text, encoding='utf-8')
     said = saved.extras.summary
     text = _text(result) + (f'; {said}' if said else '')
-    if no_returns.doubtful:
-        text += f'\n{no_returns}'
+    if str(no_return):
+        text += f'\n{no_return}'
     print_result(options, result, text)
     return 0
 
@@ -122,21 +128,28 @@ def _points(options: argparse.Namespace, config: MapperConfig) -> Float64Array |
     return read_points(options.points)
 
 
-def _map_all(pipeline: MappingPipeline, scans: PlacedScans) -> tuple[str, NoReturns]:
-    """Map what can be mapped.
+class _Mapped(NamedTuple):
+    """A map, what no return meant in it, and why the first scan was refused that led too far."""
 
-    Returns why the first scan was refused that would grow too far, and whether beams without a
-    return clear walls.
+    pipeline: MappingPipeline
+    no_return: NoReturnChoice
+    refused: str
 
-    Raises GridError where no scan can be mapped.
-    """
+
+def _map_all(config: MapperConfig, scans: PlacedScans) -> _Mapped:
+    """Map what can be mapped. Raises GridError where no scan can."""
     refused = ''
-    config = pipeline.config
     watch = NoReturnWatch(config.resolution, config.max_range)
-    clears = config.no_return == 'clear' and config.method != 'sonar'
-    for placed in scans:
-        if clears:
-            watch.see(placed)
+    stream = iter(scans)
+    first = list(itertools.islice(stream, AHEAD))
+    if config.method == 'sonar':
+        # Cones are not told apart by what they cross.
+        choice = NoReturnChoice.of(config.no_return, watch.judge())
+    else:
+        choice = no_return_of(config.no_return, first, config.resolution, config.max_range)
+    pipeline = MappingPipeline(replace(config, no_return=choice.value))
+    for placed in itertools.chain(first, stream):
+        watch.see(placed)
         try:
             pipeline.update(placed)
         except GridError as error:
@@ -146,7 +159,9 @@ def _map_all(pipeline: MappingPipeline, scans: PlacedScans) -> tuple[str, NoRetu
                 scans.tell(f'scan at {placed.scan.stamp_ns / 1e9:.3f} s left out: {refused}')
     if pipeline.scans_used == 0:
         raise GridError(refused)
-    return refused, watch.judge()
+    if watch.seen > AHEAD and config.method != 'sonar':
+        choice = choice._replace(found=watch.judge())
+    return _Mapped(pipeline, choice, refused)
 
 
 def _text(result: dict[str, Any]) -> str:

@@ -185,7 +185,9 @@ def _run(
     margin = chosen.shown.unknown_margin
     sampled = SampledMaps(refinement, maps, margin, options.thin, trajectory)
     result['files'] = write_all(sampled, chosen.output, result, options.folder, options.name)
-    print_result(options, result, _text(result))
+    print_result(
+        options, result, '\n'.join(filter(None, (_text(result), str(refinement.no_return))))
+    )
     return 0 if failed is None else 1
 
 
@@ -298,6 +300,7 @@ def _sampled(
         'undecided_cells': None if quality is None else quality.summary()['undecided_cells'],
         **figures,
         'agreeing_share': progress.agreeing_share if stop.r_hat > 0.0 else None,
+        'no_return': refinement.no_return.as_dict(),
         'sensor': None if refinement.sensor is None else refinement.sensor.as_dict(),
         'resumed_at': resumed,
         'sampling_seconds': round(progress.seconds, 3),

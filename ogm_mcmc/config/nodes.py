@@ -18,6 +18,7 @@ from ogm_mcmc.config import (
     SamplerConfig,
     ShownConfig,
     StopConfig,
+    WindowConfig,
     build,
     check_bounds,
     check_limits,
@@ -35,6 +36,7 @@ __all__ = [
     'REFINE_LIVE_PARAMETERS',
     'IntakeConfig',
     'ManagedConfig',
+    'NodeMapperConfig',
     'OnlineMapperConfig',
     'RefineSamplerConfig',
     'RefineServerConfig',
@@ -165,9 +167,43 @@ class OnlineMapperConfig:
         _check_save_name(self.save_name)
 
 
+NO_RETURN_TEXT = (
+    'meaning of a range of +inf: clear: {clear} (REP 117); ignore: not used, the better choice '
+    'where glass or dark walls give no return; auto: ignore where most such beams cross cells '
+    'that other beams hit, else clear{live}'
+)
+NO_RETURN_CHOICES = ('auto', 'clear', 'ignore')
+
+
+@dataclass(frozen=True)
+class NodeMapperConfig(MapperConfig):
+    """Defaults of `online_mapper`, `map` and `demo`: what no return means is seen in the data."""
+
+    no_return: str = setting(
+        'auto',
+        NO_RETURN_TEXT.format(
+            clear='the beam is free up to range_max',
+            live='; a node begins with ignore and looks again as scans come',
+        ),
+        choices=NO_RETURN_CHOICES,
+        live=True,
+    )
+
+
+@dataclass(frozen=True)
+class NodeWindowConfig(WindowConfig):
+    """Defaults of `refine_server` and `sample`: likewise."""
+
+    no_return: str = setting(
+        'auto',
+        NO_RETURN_TEXT.format(clear='nothing on the ray up to range_max', live=''),
+        choices=NO_RETURN_CHOICES,
+    )
+
+
 # All at the top level of the node, like the names people know from slam_toolbox.
 NODE_CONFIGS = (
-    MapperConfig,
+    NodeMapperConfig,
     OutputConfig,
     PlacingConfig,
     IntakeConfig,
@@ -219,12 +255,14 @@ class RefineServerConfig:
 
 LEARNED = PatchConfig(prior='border', size=9, strength=1.3)
 FITTED = ChainConfig(sensor='fitted')
+JUDGED = NodeWindowConfig()
 
 
 @dataclass(frozen=True)
 class RefineSamplerConfig(SamplerConfig):
     """Defaults of `refine_server` and `sample`: the learned prior, walls also between beams."""
 
+    window: NodeWindowConfig = JUDGED
     chain: ChainConfig = FITTED
     patch: PatchConfig = LEARNED
 

@@ -9,6 +9,7 @@ import hashlib
 import math
 from collections import Counter, deque
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -68,7 +69,10 @@ class Recording:
         self._window: RayWindow | None = None
         if sampler is not None:
             margin = sampler.patch.window_margin
-            self._window = RayWindow(sampler.window, sampler.model, margin=margin)
+            # With auto, beams without a return may come to count: so they do for the limits.
+            asked = sampler.window.no_return
+            window = replace(sampler.window, no_return='clear' if asked == 'auto' else asked)
+            self._window = RayWindow(window, sampler.model, margin=margin)
         self._scans: deque[_Kept] = deque()
         self._last: Recent[Pose2D] = Recent()  # where each sensor was when its last scan came in
 

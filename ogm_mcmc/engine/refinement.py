@@ -26,6 +26,7 @@ from ogm_mcmc.config import (
     flatten,
 )
 from ogm_mcmc.engine.live_map import cells_on, check_lattice, live_map
+from ogm_mcmc.engine.no_returns import NoReturnChoice, NoReturns, no_return_of
 from ogm_mcmc.engine.posterior import patch_prior, posterior_model
 from ogm_mcmc.engine.recording import Recording, fingerprint
 from ogm_mcmc.engine.sensor_fit import SensorNumbers, fit_sensor
@@ -94,6 +95,8 @@ class Refinement:
     def __init__(self, config: SamplerConfig) -> None:
         self.config = config
         self._taken: list[PlacedScan] = []
+        asked = config.window.no_return
+        self.no_return = NoReturnChoice.of(asked, NoReturns(0, 0))
         self.model = config.model  # of the beams, fitted where that is wanted
         self.sensor: SensorNumbers | None = None
         self.window = self._empty_window()
@@ -123,13 +126,12 @@ class Refinement:
             old is new for old, new in zip(self._taken, scans[:known], strict=True)
         )
         warm = self._present_maps()
-        if not extends:
-            self.model, self.sensor = fit_sensor(scans, self.config)
-        window = self.window if extends else self._empty_window()
-        fresh = scans[known:] if extends else scans
-        window.add(fresh)
-        if window.index.n_rays == 0:
-            raise WindowError(f'no beam of {len(scans)} scans says anything: nothing to sample')
+        held = self.no_return, self.model, self.sensor
+        try:
+            window = self._indexed(scans, known if extends else 0)
+        except Exception:
+            self.no_return, self.model, self.sensor = held
+            raise
         if warm and not extends:
             before = cells_before(self.window.spec, window.spec, self._taken, scans)
             if before is not None:
@@ -138,8 +140,27 @@ class Refinement:
         self._begin(start, warm)
         return window.index.n_rays
 
+    def _indexed(self, scans: Sequence[PlacedScan], known: int) -> RayWindow:
+        """Return the rays of scans, the first `known` of which are indexed; judge new ones."""
+        if known == 0:
+            asked = self.config.window
+            self.no_return = no_return_of(
+                asked.no_return, scans, asked.resolution, asked.max_range
+            )
+            self.model, self.sensor = fit_sensor(scans, self._decided())
+        window = self.window if known else self._empty_window()
+        window.add(scans[known:])
+        if window.index.n_rays == 0:
+            raise WindowError(f'no beam of {len(scans)} scans says anything: nothing to sample')
+        return window
+
+    def _decided(self) -> SamplerConfig:
+        """Return the settings with what no return was found to mean."""
+        window = replace(self.config.window, no_return=self.no_return.value)
+        return replace(self.config, window=window)
+
     def _empty_window(self) -> RayWindow:
-        config = self.config
+        config = self._decided()
         return RayWindow(config.window, self.model, margin=config.patch.window_margin)
 
     def _begin(self, start: GridMap | None, warm: list[GridMap]) -> None:
@@ -151,7 +172,7 @@ class Refinement:
         elif warm:
             starts = [cells_on(spec, grid, 0.5, chain.prior) for grid in warm]
         else:
-            live = live_map(self._taken, self.config.window)
+            live = live_map(self._taken, self._decided().window)
             starts = over_dispersed_starts(
                 chain.start,
                 chain.chains,
@@ -322,7 +343,7 @@ class Refinement:
 
     def settings(self) -> dict[str, Any]:
         """Return what decided the samples: results carry it."""
-        return {**flatten(self.config), 'scans': len(self._taken)}
+        return {**flatten(self._decided()), 'scans': len(self._taken)}
 
 
 def warm_up(config: SamplerConfig) -> int:

@@ -20,6 +20,7 @@ from typing import NamedTuple
 from ogm_mcmc.config import PosesConfig, SamplerConfig, StopConfig
 from ogm_mcmc.engine.joint_poses import PoseRefinement, RefinedTrajectory
 from ogm_mcmc.engine.kept_samples import MOST_SAMPLES, KeptSamples
+from ogm_mcmc.engine.no_returns import NoReturnChoice
 from ogm_mcmc.engine.refinement import Progress, Refinement
 from ogm_mcmc.engine.sensor_fit import SensorNumbers
 from ogm_mcmc.errors import OgmError, WindowError
@@ -66,6 +67,7 @@ class WorkerStatus(NamedTuple):
     n_bytes: int = 0
     progress: Progress | None = None
     sensor: SensorNumbers | None = None
+    no_return: NoReturnChoice | None = None
     poses: TrajectoryProgress | None = None
     stopped: str = ''
     error: str = ''
@@ -266,6 +268,7 @@ class RefineWorker:
             state='sampling',
             rays=refinement.window.index.n_rays,
             sensor=refinement.sensor,
+            no_return=refinement.no_return,
             n_bytes=refinement.window.index.n_bytes + refinement.sampler.n_bytes,
         )
         next_map_at = time.monotonic()
@@ -299,8 +302,10 @@ class RefineWorker:
         if refinement.holds(scans):
             return  # the chains go on and what they counted stays
         fresh = refinement.sampler is None
-        before = refinement.sampler
+        before, said = refinement.sampler, str(refinement.no_return)
         refinement.take(scans)
+        if str(refinement.no_return) not in ('', said):
+            self.log(str(refinement.no_return))
         if refinement.sampler is not before:
             self._kept.clear()  # it holds the old index
         if fresh and self.state_file is not None and self.state_file.exists():

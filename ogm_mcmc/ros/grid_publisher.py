@@ -90,6 +90,8 @@ class GridPublisher:
         """Send the whole map, as it is now, if somebody came since it was sent last."""
         if self.topic.newcomers_wait:
             self.publish(frame_id, stamp_ns, whole=True)
+        elif self.metadata is not None and self.metadata.newcomers_wait and self.topic.sent:
+            self.metadata.send(self.view.message.info)
 
     def publish_changes(self, frame_id: str, stamp_ns: int, latched_interval_s: float) -> None:
         """Send what changed where somebody listens, or when the latched copy is too old.

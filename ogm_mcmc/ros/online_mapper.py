@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+from dataclasses import replace
 from typing import Any
 
 from nav_msgs.srv import GetMap
@@ -11,15 +12,17 @@ from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool, Trigger
 
-from ogm_mcmc.config import MapperConfig, OutputConfig, PlacingConfig
+from ogm_mcmc.config import OutputConfig, PlacingConfig
 from ogm_mcmc.config.nodes import (
     LIVE_PARAMETERS,
     NODE_CONFIGS,
     IntakeConfig,
+    NodeMapperConfig,
     OnlineMapperConfig,
 )
 from ogm_mcmc.engine.corrections import Corrected, Nodes
 from ogm_mcmc.engine.kept_scans import KeptScans
+from ogm_mcmc.engine.no_returns import LiveNoReturn
 from ogm_mcmc.engine.saved_map import MapToSave, replacing_map, saved_text
 from ogm_mcmc.errors import OgmError
 from ogm_mcmc.files.user_paths import user_path
@@ -49,7 +52,9 @@ class OnlineMapper(ManagedNode):
     def set_up(self) -> None:
         """Make the map, empty, and everything around it."""
         self.settings = self.parameters.read(OnlineMapperConfig)
-        self.pipeline = MappingPipeline(self.parameters.read(MapperConfig))
+        asked = self.parameters.read(NodeMapperConfig)
+        self.no_return = LiveNoReturn(asked.no_return, asked.resolution, asked.max_range)
+        self.pipeline = MappingPipeline(self._mapping())
         self.output = self.parameters.read(OutputConfig)
         self.mapping_s = 0.0
         self._last_stamp_ns = 0
@@ -75,6 +80,14 @@ class OnlineMapper(ManagedNode):
         self.create_service(SetBool, '~/pause', self.on_pause)
         self.create_service(GetMap, '~/get_map', self.on_get_map)
         self.every(DIAGNOSTICS_S, self.publish_diagnostics)
+
+    def _mapping(self) -> NodeMapperConfig:
+        """Return the settings of the map, with what no return is found to mean now."""
+        asked = self.parameters.read(NodeMapperConfig)
+        found = self.no_return.choice.value
+        if asked.method == 'sonar' and asked.no_return == 'auto':
+            found = 'clear'  # cones are not told apart by what they cross
+        return replace(asked, no_return=found)
 
     def warm_up(self) -> None:
         """Compile what the method needs."""
@@ -106,11 +119,22 @@ class OnlineMapper(ManagedNode):
         self._last_stamp_ns = placed.scan.stamp_ns
         self.maps.mark(changed)
         self._remark_on_cloud(placed)
+        self._look_at_no_returns(placed)
         if self.kept is not None:
             # A cloud of particles for each scan would outgrow what `keep_scans_mb` counts.
             if not uses_covariance(self.pipeline.config.method):
                 placed = placed._replace(belief=placed.belief._replace(particles=None))
             self.kept.add(placed)
+
+    def _look_at_no_returns(self, placed: PlacedScan) -> None:
+        if self.intake.sonar:
+            return
+        said = self.no_return.see(placed)
+        if said:
+            log, warns = self.get_logger(), self.no_return.choice.asked == 'clear'
+            log.warning(said) if warns else log.info(said)
+        if self.no_return.choice.value != self.pipeline.config.no_return:
+            self.pipeline.configure(self._mapping())
 
     def _remark_on_cloud(self, placed: PlacedScan) -> None:
         cloud, config = placed.belief.particles, self.pipeline.config
@@ -161,6 +185,7 @@ class OnlineMapper(ManagedNode):
             'mapping time per scan (ms)': f'{1e3 * self.mapping_s / used if used else 0.0:.3f}',
             'map size (cells)': f'{spec.width} x {spec.height}',
             'maps published': self.maps.map.topic.sent,
+            'no_return': '' if self.intake.sonar else self.no_return.text(),
             'paused': self.intake.paused,
             **self._kept_values(),
             'working': self.working,
@@ -235,8 +260,8 @@ class OnlineMapper(ManagedNode):
 
     def check_parameters(self, changes: list[Parameter]) -> SetParametersResult:
         """Judge a change; what the method does not use is refused."""
-        method = self.parameters.read(MapperConfig).method
-        unused = self.parameters.live_of(MapperConfig) - live_settings(method)
+        method = self.parameters.read(NodeMapperConfig).method
+        unused = self.parameters.live_of(NodeMapperConfig) - live_settings(method)
         for name in sorted({change.name for change in changes} & unused):
             reason = f'{name} has no effect with method {method}'
             return SetParametersResult(successful=False, reason=reason)
@@ -253,7 +278,9 @@ class OnlineMapper(ManagedNode):
             self.map_timer.timer_period_ns = round(self.settings.map_update_interval * 1e9)
             self.map_timer.reset()  # or the old period would run out first
         self.maps.show(self.output)
-        mapping = self.parameters.read(MapperConfig)
+        asked = self.parameters.read(NodeMapperConfig)
+        self.no_return.ask(asked.no_return, asked.max_range)
+        mapping = self._mapping()
         if mapping != self.pipeline.config:
             self.pipeline.configure(mapping)
             # What is shown of the cells may be another thing now (`counting.show`).

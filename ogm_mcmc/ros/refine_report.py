@@ -3,11 +3,19 @@
 from __future__ import annotations
 
 from ogm_mcmc.config import StopConfig
+from ogm_mcmc.engine.no_returns import NoReturnChoice
 from ogm_mcmc.engine.refinement import Progress
 from ogm_mcmc.engine.sensor_fit import SensorNumbers
 from ogm_mcmc.engine.worker import WorkerStatus
 
-__all__ = ['disagreement', 'order_text', 'progress_text', 'progress_values', 'sensor_values']
+__all__ = [
+    'disagreement',
+    'no_return_values',
+    'order_text',
+    'progress_text',
+    'progress_values',
+    'sensor_values',
+]
 
 
 def order_text(
@@ -77,3 +85,13 @@ def sensor_values(sensor: SensorNumbers | None) -> dict[str, object]:
         for name, share in shares.items()
         if share is not None
     }
+
+
+def no_return_values(choice: NoReturnChoice | None, asked: str) -> dict[str, object]:
+    """Return what +inf means in the scans sampled, for /diagnostics."""
+    key = 'window.no_return'
+    if choice is None:
+        return {key: asked}
+    how = ' (auto)' if choice.asked == 'auto' else ''
+    why = f': {choice.found}' if choice.found.beams else ''
+    return {key: f'{choice.value}{how}{why}'}

@@ -46,6 +46,7 @@ from ogm_mcmc.ros.intake_health import WELL
 from ogm_mcmc.ros.managed_node import ManagedNode
 from ogm_mcmc.ros.refine_report import (
     disagreement,
+    no_return_values,
     order_text,
     progress_text,
     progress_values,
@@ -233,6 +234,7 @@ class RefineServer(ManagedNode):
             'memory (MB)': f'{status.n_bytes / 1e6:.1f}',
             **progress_values(status.progress),
             **sensor_values(status.sensor),
+            **no_return_values(status.no_return, self.sampler.window.no_return),
             'poses': self.poses.poses,
             **correction_values(None if result is None else result.trajectory),
             'stopped because': status.stopped,

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 
 import numpy as np
-from nav_msgs.msg import OccupancyGrid
+from nav_msgs.msg import MapMetaData, OccupancyGrid
 from rclpy.duration import Duration
 from rclpy.node import Node
 
@@ -41,7 +41,7 @@ class _Topic:
 
 
 class RefinedMaps:
-    """`map_refined` (what `output` says), `map_refined_probability`, and `~/entropy`.
+    """`map_refined` (what `output` says), its metadata, `map_refined_probability`, `~/entropy`.
 
     `frame_id()` is the frame of the maps: with odometry it is known when the first message comes.
     `shown(result)` gives the map of a result as it is to be seen, nan where it says nothing.
@@ -61,6 +61,7 @@ class RefinedMaps:
         self.probability = _Topic(node, 'map_refined_probability', 'probability')
         self.entropy = _Topic(node, '~/entropy', 'entropy')
         self.all = (self.map, self.probability, self.entropy)
+        self.metadata = LatchedTopic(node, MapMetaData, 'map_refined_metadata')
         self._renewed_at = 0.0
 
     def show(self, output: OutputConfig) -> None:
@@ -80,9 +81,16 @@ class RefinedMaps:
             latched = due and one is not self.entropy
             new = result.number != one.shown and (latched or one.topic.listeners > 0)
             if new or one.topic.newcomers_wait:
-                one.topic.send(self._message_on(one, result))
+                self._send(one, self._message_on(one, result))
                 one.shown = result.number
                 self._renewed_at = now if one is self.map else self._renewed_at
+        if self.metadata.newcomers_wait:
+            self.metadata.send(self._message_on(self.map, result).info)
+
+    def _send(self, one: _Topic, message: OccupancyGrid) -> None:
+        one.topic.send(message)
+        if one is self.map:
+            self.metadata.send(message.info)
 
     def map_message(self, result: RefinedMap) -> OccupancyGrid:
         """Return the message of `map_refined`."""
@@ -104,7 +112,7 @@ class RefinedMaps:
             one.forget()
             if one.topic.sent:
                 spec = GridSpec(resolution_m, 1, 1)
-                one.topic.send(grid_message(empty, spec, self.frame_id(), 0))
+                self._send(one, grid_message(empty, spec, self.frame_id(), 0))
 
     def flush(self, timeout_s: float) -> None:
         """Wait until every listener has what was sent, before the node goes."""

@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from ogm_mcmc.config import (
     StopConfig,
     WindowConfig,
 )
+from ogm_mcmc.config.nodes import NodeWindowConfig
 from ogm_mcmc.engine.refinement import Recording, Refinement, hide_uncertain, live_map
 from ogm_mcmc.errors import ConfigError, GridError, WindowError
 from ogm_mcmc.geometry import GridMap, GridSpec, PlacedScan, Pose2D, PoseBelief
@@ -169,6 +171,26 @@ def test_too_much_is_refused_and_sampling_can_go_on(extends):
 
 
 # -- starts ---------------------------------------------------------------------------------------
+
+
+def test_what_no_return_means_is_seen_in_the_scans():
+    """Every other beam on a wall is lost; decided anew where rays are indexed anew."""
+    lost = [
+        scan_at(0.1 * k, 0.0, *((2.0, math.inf) * 10 if k % 2 else (math.inf, 2.0) * 10), yaw=0.5)
+        for k in range(8)
+    ]
+    refinement = Refinement(replace(settings(), window=NodeWindowConfig(0.5)))
+    refinement.take(lost)
+    assert refinement.no_return.value == 'ignore'
+    assert refinement.no_return.found.doubtful
+    assert refinement.window.index.n_rays == 80
+    assert refinement.settings()['window.no_return'] == 'ignore'
+    with pytest.raises(WindowError):
+        refinement.take([NOTHING])
+    assert refinement.no_return.value == 'ignore'  # as before: nothing was taken
+    refinement.take([FIRST, SECOND])
+    assert refinement.no_return.value == 'clear'
+    assert refinement.window.index.n_rays == 8 - 1
 
 
 def test_a_start_map_is_thresholded_where_it_lies():

@@ -23,10 +23,10 @@ from rcl_interfaces.srv import (
     SetParameters,
     SetParametersAtomically,
 )
+from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import LaserScan
 from std_srvs.srv import Trigger
-from rclpy.lifecycle import TransitionCallbackReturn
 from support.local_ros import Logs, local_node
 from support.ros import NodeProcess, Observer
 

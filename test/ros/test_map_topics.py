@@ -106,6 +106,7 @@ def test_planners_and_amcl_see_every_wall_of_the_refined_map(bag):
     with NodeProcess('refine_server', parameters=parameters) as node, Observer() as observer:
         maps = observer.collect(OccupancyGrid, 'map_refined', LATCHED)
         percents = observer.collect(OccupancyGrid, 'map_refined_probability', LATCHED)
+        extents = observer.collect(MapMetaData, 'map_refined_metadata', LATCHED)
         drive(observer, bag, 'scans recorded')
         answer = observer.call(Trigger, 'refine_server/refine', Trigger.Request())
         assert answer.success, answer.message
@@ -125,6 +126,10 @@ def test_planners_and_amcl_see_every_wall_of_the_refined_map(bag):
             return set(np.unique(values)) == {-1, 0, 100}
 
         observer.until(same_map)
+        observer.until(lambda: bool(extents) and extents[-1] == maps[-1].info)
+        late = observer.collect(MapMetaData, 'map_refined_metadata', VOLATILE)
+        observer.until(lambda: bool(late))
+        assert late[-1] == maps[-1].info
         assert node.stop() == 0, node.output
 
 

@@ -94,6 +94,31 @@ def test_no_scan_is_used_in_a_pause(mapper):
     assert node.pipeline.scans_used == 3
 
 
+def test_beams_without_a_return_wait_until_it_is_seen_what_they_cross(mapper):
+    """A robot that drives past a pillar it always sees, and past nothing else."""
+    node = mapper()
+    beyond = CellBox(10, 40, 11, 41)
+    for k in range(100):
+        x = 0.05 + 0.06 * k
+        node.intake.on_pose(pose(1.0 + k, x, 0.05))
+        node.intake.on_scan(scan(1.0 + k, (max(6.2 - x, 0.05), *[math.inf] * 3)))
+        if k == 90:
+            assert math.isnan(probability(node, beyond))
+            assert node.no_return.text().startswith('ignore for now (auto)')
+    assert node.pipeline.config.no_return == 'clear'
+    (line,) = (line for line in node.said.of('info') if 'no_return' in line)
+    assert line.startswith('no_return auto: clear, ')
+    assert change(node, 'no_return', 'ignore').successful
+    assert node.pipeline.config.no_return == 'ignore'
+    assert change(node, 'no_return', 'auto').successful
+    assert node.pipeline.config.no_return == 'ignore'  # careful again
+    node.publish_diagnostics()
+
+
+def test_cones_without_an_echo_clear_from_the_start(mapper):
+    assert mapper(method='sonar').pipeline.config.no_return == 'clear'
+
+
 def test_a_map_is_saved_with_what_its_method_adds(mapper, tmp_path):
     node = mapper(method='adaptive', save_directory=str(tmp_path), save_name='floor')
     nothing = trigger(node.on_save_map)
