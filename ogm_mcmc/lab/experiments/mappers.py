@@ -14,9 +14,8 @@ from ogm_mcmc.config import (
     MapperConfig,
     PatchConfig,
     StopConfig,
-    WindowConfig,
 )
-from ogm_mcmc.config.nodes import RefineSamplerConfig
+from ogm_mcmc.config.nodes import NodeWindowConfig, RefineSamplerConfig
 from ogm_mcmc.engine.live_map import map_of
 from ogm_mcmc.engine.refinement import Refinement, warm_up
 from ogm_mcmc.geometry import GridMap, PlacedScan
@@ -118,7 +117,7 @@ def _sampler(patch: PatchConfig) -> Mapper:
         config = replace(
             defaults,
             model=ForwardModelConfig(),
-            window=WindowConfig(resolution=lattice.cell_m, no_return=lattice.no_return),
+            window=NodeWindowConfig(resolution=lattice.cell_m, no_return=lattice.no_return),
             chain=replace(defaults.chain, chains=CHAINS, burn_in=BURN_IN, seed=seed),
             patch=patch,
         )
