@@ -262,7 +262,7 @@ JUDGED = NodeWindowConfig()
 class RefineSamplerConfig(SamplerConfig):
     """Defaults of `refine_server` and `sample`: the learned prior, walls also between beams."""
 
-    window: NodeWindowConfig = JUDGED
+    window: WindowConfig = JUDGED
     chain: ChainConfig = FITTED
     patch: PatchConfig = LEARNED
 

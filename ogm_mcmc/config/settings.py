@@ -86,7 +86,9 @@ def settings_of(
         kind: type = hints[item.name]
         default = item.default if example is None else getattr(example, item.name)
         if hasattr(kind, '__dataclass_fields__'):
-            yield from settings_of(kind, f'{prefix}{item.name}.', default, switches=switches)
+            # A default of a subclass brings the texts and choices of that.
+            own = default.__class__ if isinstance(default, kind) else kind
+            yield from settings_of(own, f'{prefix}{item.name}.', default, switches=switches)
         elif switches or item.metadata['parameter']:
             yield Setting(f'{prefix}{item.name}', kind, default, **item.metadata)
 
