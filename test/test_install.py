@@ -73,7 +73,7 @@ def test_pip_installs_every_module_and_the_scripts(clean_copy, tmp_path, office_
     where = 'import ogm_mcmc; print(ogm_mcmc.__file__)'
     shown = run(sys.executable, '-S', '-c', where, cwd=tmp_path, PYTHONPATH=path)
     assert Path(shown.strip()).is_relative_to(folder)
-    prior = 'from ogm_mcmc.io.prior_files import *; print(default_prior_file())'
+    prior = 'from ogm_mcmc.engine.prior_files import *; print(default_prior_file())'
     found = Path(run(sys.executable, '-S', '-c', prior, cwd=tmp_path, PYTHONPATH=path).strip())
     assert found == tmp_path / 'venv' / 'share' / 'ogm_mcmc' / 'priors' / 'buildings.npz'
     scripts = tmp_path / 'venv' / 'bin'

@@ -10,7 +10,8 @@ import numpy as np
 from ogm_mcmc.arrays import Float64Array
 from ogm_mcmc.cli.evaluate_answer import Answer
 from ogm_mcmc.config import CollisionConfig, flatten
-from ogm_mcmc.evaluation import SampleBits, collision_risk
+from ogm_mcmc.evaluation import collision_risk
+from ogm_mcmc.geometry import SampleBits
 from ogm_mcmc.io.point_files import read_points
 from ogm_mcmc.io.sample_files import load_samples
 from ogm_mcmc.io.trajectory_files import read_trajectory

@@ -19,9 +19,9 @@ from ogm_mcmc.config import (
     flatten,
     given,
 )
+from ogm_mcmc.engine.prior_files import Prior, save_prior
 from ogm_mcmc.errors import OutputError, PriorError, require
 from ogm_mcmc.files.output_files import makeable_folder, refuse_folder, writable_folder
-from ogm_mcmc.io.prior_files import Prior, save_prior
 from ogm_mcmc.io.training_maps import MapSource, TrainingMap, read_sources, read_training_map
 from ogm_mcmc.sampling.patch_learning import PatchCounts, count_map, rescaled, total_of
 from ogm_mcmc.sampling.patch_prior import make_table, nats_per_window

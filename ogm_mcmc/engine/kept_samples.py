@@ -10,8 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from ogm_mcmc.arrays import AnyArray
-from ogm_mcmc.evaluation import SampleBits
-from ogm_mcmc.geometry import GridSpec
+from ogm_mcmc.geometry import GridSpec, SampleBits
 from ogm_mcmc.sampling import PosteriorSampler
 
 __all__ = ['MOST_SAMPLES', 'KeptSamples']

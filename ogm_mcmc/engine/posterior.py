@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ogm_mcmc.config import PatchConfig, PatchTableConfig, SamplerConfig
+from ogm_mcmc.engine.prior_files import Prior, default_prior_file, load_prior
 from ogm_mcmc.errors import PriorError
 from ogm_mcmc.files.user_paths import user_path
-from ogm_mcmc.io.prior_files import Prior, default_prior_file, load_prior
 from ogm_mcmc.sampling import CellModel, PosteriorModel, RayWindow
 from ogm_mcmc.sampling.patch_gibbs import PatchModel
 from ogm_mcmc.sampling.patch_prior import PatchTable, make_table

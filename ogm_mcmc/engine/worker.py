@@ -24,8 +24,7 @@ from ogm_mcmc.engine.no_returns import NoReturnChoice
 from ogm_mcmc.engine.refinement import Progress, Refinement
 from ogm_mcmc.engine.sensor_fit import SensorNumbers
 from ogm_mcmc.errors import OgmError, WindowError
-from ogm_mcmc.evaluation import SampleBits
-from ogm_mcmc.geometry import GridMap, PlacedScan
+from ogm_mcmc.geometry import GridMap, PlacedScan, SampleBits
 from ogm_mcmc.trajectory import TrajectoryProgress
 
 __all__ = ['RefineWorker', 'RefinedMap', 'WorkerStatus']

@@ -25,7 +25,7 @@ from ogm_mcmc.evaluation.beam_likelihood import (
 )
 from ogm_mcmc.evaluation.calibration import Reliability, brier_score, reliability
 from ogm_mcmc.evaluation.classification import Scores, ThresholdCounts, confusion_counts
-from ogm_mcmc.evaluation.collision import SampleBits, collision_risk
+from ogm_mcmc.evaluation.collision import collision_risk
 from ogm_mcmc.evaluation.comparison import Comparison, aligned, compare
 from ogm_mcmc.evaluation.distance import DistanceError, distance_to, occupied_distance_error
 from ogm_mcmc.evaluation.divergence import (
@@ -80,7 +80,6 @@ __all__ = [
     'ReadingChannel',
     'Reliability',
     'SampleBeams',
-    'SampleBits',
     'Scores',
     'ThresholdCounts',
     'aligned',

@@ -5,46 +5,22 @@ something does not follow from those of the cells: their product takes each for 
 own, and calls every way past a few doubtful cells blocked. A sample holds all cells at once: the
 share of samples in which the disc meets an occupied cell is the probability that it does.
 
-One word holds a cell's value in 64 samples, so that one pass over the cells of a way asks all.
+One word holds a cell's value in 64 samples (`SampleBits`), so that one pass over the cells of a
+way asks all.
 """
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from ogm_mcmc.arrays import AnyArray, BoolArray, Float64Array, UInt8Array
+from ogm_mcmc.arrays import Float64Array
 from ogm_mcmc.errors import ConfigError, PoseError
 from ogm_mcmc.evaluation.collision_kernels import way_risk
-from ogm_mcmc.geometry import GridSpec
+from ogm_mcmc.geometry import SampleBits
 
-__all__ = ['SampleBits', 'collision_risk']
-
-WORD = 64
-
-
-class SampleBits(NamedTuple):
-    """`draws` maps as bits: `words` (height, width, L) uint64, bit s % 64 of word s // 64.
-
-    `known` (height, width): the cells that were sampled.
-    """
-
-    spec: GridSpec
-    words: AnyArray
-    known: BoolArray
-    draws: int
-
-    @classmethod
-    def of_maps(cls, spec: GridSpec, maps: UInt8Array, known: BoolArray) -> SampleBits:
-        """Pack maps (S, height, width) of 0 and 1. Raises ConfigError without any."""
-        if len(maps) == 0:
-            raise ConfigError('no map sample: expected at least 1')
-        n_words = -(-len(maps) // WORD)
-        words = np.zeros((spec.height, spec.width, n_words), np.uint64)
-        for s, cells in enumerate(maps):
-            words[:, :, s // WORD] |= cells.astype(np.uint64) << np.uint64(s % WORD)
-        return cls(spec, words, known, len(maps))
+__all__ = ['collision_risk']
 
 
 def collision_risk(

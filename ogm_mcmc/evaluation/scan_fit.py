@@ -29,7 +29,6 @@ import numpy as np
 
 from ogm_mcmc.arrays import Float32Array, Float64Array, UInt8Array
 from ogm_mcmc.errors import ConfigError
-from ogm_mcmc.evaluation.collision import WORD, SampleBits
 from ogm_mcmc.evaluation.distance import distance_to
 from ogm_mcmc.evaluation.scan_fit_kernels import (
     cast_fits,
@@ -38,6 +37,7 @@ from ogm_mcmc.evaluation.scan_fit_kernels import (
     sample_fits,
 )
 from ogm_mcmc.geometry import GridMap, GridSpec
+from ogm_mcmc.geometry.sample_bits import WORD, SampleBits
 from ogm_mcmc.sensors.forward_model import ForwardModel
 
 __all__ = ['AmclNumbers', 'CastBeams', 'LikelihoodField', 'ProbabilityBeams', 'SampleBeams']

@@ -16,9 +16,9 @@ import numpy as np
 
 from ogm_mcmc.arrays import AnyArray, Float64Array
 from ogm_mcmc.errors import ConfigError
-from ogm_mcmc.evaluation.collision import WORD, SampleBits
 from ogm_mcmc.evaluation.view_kernels import bin_hits, bin_sample_hits
 from ogm_mcmc.geometry import GridMap, GridSpec
+from ogm_mcmc.geometry.sample_bits import WORD, SampleBits
 from ogm_mcmc.sensors.forward_model import ForwardModel
 
 __all__ = ['ReadingChannel', 'hits_of_map', 'hits_of_samples']

@@ -53,6 +53,7 @@ from ogm_mcmc.geometry.pose import (
     wrap_angle,
 )
 from ogm_mcmc.geometry.rays import Rays, SampledRays, cast_rays, cast_sampled_rays
+from ogm_mcmc.geometry.sample_bits import SampleBits
 from ogm_mcmc.geometry.scan import Scan
 
 __all__ = [
@@ -64,6 +65,7 @@ __all__ = [
     'PoseBelief',
     'PoseSamples',
     'Rays',
+    'SampleBits',
     'SampledRays',
     'Scan',
     'SensorMount',

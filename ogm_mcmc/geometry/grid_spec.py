@@ -100,6 +100,12 @@ class GridSpec:
         return self.anchor_y_m + self.row0 * self.resolution_m
 
     @property
+    def extent_m(self) -> tuple[float, float, float, float]:
+        """The lowest and highest x, the lowest and highest y: as matplotlib has it, m."""
+        left, bottom, size = self.origin_x_m, self.origin_y_m, self.resolution_m
+        return (left, left + size * self.width, bottom, bottom + size * self.height)
+
+    @property
     def box(self) -> CellBox:
         """All cells of the window, in lattice coordinates."""
         return CellBox(self.column0, self.row0, self.column0 + self.width, self.row0 + self.height)

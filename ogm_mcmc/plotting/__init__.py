@@ -7,7 +7,7 @@ without smoothing. Curves, and grids with axes and a colour bar, are drawn by ma
 """
 
 from ogm_mcmc.plotting.curves import Series, curves_png, require_matplotlib
-from ogm_mcmc.plotting.grids import PROBABILITY, Closeup, Grid, Scale, extent_of, grids_png
+from ogm_mcmc.plotting.grids import PROBABILITY, Closeup, Grid, Scale, grids_png
 from ogm_mcmc.plotting.images import agreement_png, heat_png, kinds_png, probability_png
 from ogm_mcmc.plotting.page import Page, Picture
 
@@ -21,7 +21,6 @@ __all__ = [
     'Series',
     'agreement_png',
     'curves_png',
-    'extent_of',
     'grids_png',
     'heat_png',
     'kinds_png',

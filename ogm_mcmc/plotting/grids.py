@@ -15,14 +15,13 @@ import numpy as np
 
 from ogm_mcmc.arrays import AnyArray
 from ogm_mcmc.files.pictures import UNKNOWN_COLOUR
-from ogm_mcmc.geometry import GridSpec
 from ogm_mcmc.plotting.curves import Series, require_matplotlib
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ['PROBABILITY', 'Closeup', 'Grid', 'Scale', 'extent_of', 'grids_png']
+__all__ = ['PROBABILITY', 'Closeup', 'Grid', 'Scale', 'grids_png']
 
 DPI = 100
 # Pixels around the cells: axis labels, colour bar, title, a line for the legend.
@@ -80,12 +79,6 @@ class Layout(NamedTuple):
         """Width and height of a grid with all that belongs to it."""
         below = BOTTOM + (self.closeup + CLOSEUP_GAP if self.closeup else 0)
         return LEFT + self.width + RIGHT, self.top + self.height + below
-
-
-def extent_of(spec: GridSpec) -> Extent:
-    """Return where the borders of a grid lie, m."""
-    left, bottom, size = spec.origin_x_m, spec.origin_y_m, spec.resolution_m
-    return (left, left + size * spec.width, bottom, bottom + size * spec.height)
 
 
 def grids_png(

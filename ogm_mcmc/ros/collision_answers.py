@@ -14,8 +14,8 @@ from std_msgs.msg import Float32MultiArray, MultiArrayDimension
 from ogm_mcmc.arrays import Float64Array
 from ogm_mcmc.engine.worker import RefinedMap
 from ogm_mcmc.errors import PoseError
-from ogm_mcmc.evaluation import SampleBits, collision_risk
-from ogm_mcmc.geometry import GridSpec
+from ogm_mcmc.evaluation import collision_risk
+from ogm_mcmc.geometry import GridSpec, SampleBits
 from ogm_mcmc.io import messages
 from ogm_mcmc.ros.problems import Problems
 from ogm_mcmc.ros.qos import QUESTIONS

@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 from ogm_mcmc.cli.main import run
-from ogm_mcmc.io.prior_files import default_prior_file, load_prior
+from ogm_mcmc.engine.prior_files import default_prior_file, load_prior
 
 
 def save_room(path, width=40, height=30, colours=False):

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from ogm_mcmc.io.tree_files import load_tree
+from ogm_mcmc.engine.tree_files import load_tree
 
 
 def test_adaptive_saves_the_tree_and_says_what_it_takes(run_cli, office_bag, tmp_path):

@@ -5,8 +5,8 @@ from support.strategies import fan
 
 from ogm_mcmc.config import MapperConfig, OutputConfig
 from ogm_mcmc.engine.saved_map import MapToSave, replacing_map
+from ogm_mcmc.engine.tree_files import load_tree
 from ogm_mcmc.geometry import PlacedScan, Pose2D
-from ogm_mcmc.io.tree_files import load_tree
 from ogm_mcmc.pipeline import MappingPipeline
 
 

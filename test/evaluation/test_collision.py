@@ -7,8 +7,8 @@ import pytest
 from support.naive_collision import risk_by_cells
 
 from ogm_mcmc.errors import ConfigError, PoseError
-from ogm_mcmc.evaluation import SampleBits, collision_risk, reliability
-from ogm_mcmc.geometry import GridSpec
+from ogm_mcmc.evaluation import collision_risk, reliability
+from ogm_mcmc.geometry import GridSpec, SampleBits
 
 SPEC = GridSpec(1.0, 7, 3)
 KNOWN = np.ones((3, 7), bool)

@@ -13,11 +13,10 @@ from ogm_mcmc.evaluation import (
     LikelihoodField,
     ProbabilityBeams,
     SampleBeams,
-    SampleBits,
     beam_log_likelihood,
     log_likelihood_of_samples,
 )
-from ogm_mcmc.geometry import GridMap, GridSpec, PlacedScan, Pose2D, Scan
+from ogm_mcmc.geometry import GridMap, GridSpec, PlacedScan, Pose2D, SampleBits, Scan
 from ogm_mcmc.sensors.forward_model import ForwardModel
 
 NAN = math.nan

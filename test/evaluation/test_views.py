@@ -9,13 +9,12 @@ from ogm_mcmc.config import ForwardModelConfig
 from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.evaluation import (
     ReadingChannel,
-    SampleBits,
     expected_information_gain,
     first_hits,
     hits_of_map,
     hits_of_samples,
 )
-from ogm_mcmc.geometry import GridMap, GridSpec, Pose2D
+from ogm_mcmc.geometry import GridMap, GridSpec, Pose2D, SampleBits
 from ogm_mcmc.sensors.forward_model import ForwardModel
 
 SPEC = GridSpec(0.5, 8, 3, anchor_x_m=1.0)

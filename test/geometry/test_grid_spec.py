@@ -110,3 +110,8 @@ def test_windows_of_one_lattice_share_resolution_and_anchor():
 def test_refused(change, message):
     with pytest.raises(ConfigError, match=f'^{message}$'):
         GridSpec(**{'resolution_m': 0.1, 'width': 2, 'height': 2, **change})
+
+
+def test_borders_of_a_grid():
+    spec = GridSpec(0.5, 4, 6, column0=-2, row0=3, anchor_x_m=0.1)
+    assert spec.extent_m == pytest.approx((-0.9, 1.1, 1.5, 4.5))

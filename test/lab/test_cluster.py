@@ -17,9 +17,9 @@ from ogm_mcmc.config import (
     StopConfig,
     WindowConfig,
 )
+from ogm_mcmc.engine.prior_files import default_prior_file
 from ogm_mcmc.engine.refinement import Refinement
 from ogm_mcmc.errors import ClusterError, ConfigError, WindowError
-from ogm_mcmc.io.prior_files import default_prior_file
 from ogm_mcmc.lab import cluster, experiments
 from ogm_mcmc.lab.cluster import connected, distribute
 from ogm_mcmc.lab.experiments import run_all

@@ -3,11 +3,9 @@
 import io
 
 import numpy as np
-import pytest
 from PIL import Image
 
-from ogm_mcmc.geometry import GridSpec
-from ogm_mcmc.plotting import Closeup, Grid, Scale, Series, extent_of, grids_png
+from ogm_mcmc.plotting import Closeup, Grid, Scale, Series, grids_png
 from ogm_mcmc.plotting.grids import BAR_GAP, BAR_WIDTH, BOTTOM, LEFT, LEGEND, RIGHT, TOP
 from ogm_mcmc.plotting.images import UNKNOWN_COLOUR, pixels_are_cells
 
@@ -107,11 +105,6 @@ def test_grids_stand_beside_and_below_each_other():
     assert colour_at(picture, 0.5, 0.5, top=TOP + upwards) == BLACK
     assert (picture[: TOP - 4, across:] == BLACK).all(axis=2).any()  # the title
     assert tuple(picture[upwards + TOP + 10, across + LEFT + 10]) == WHITE  # nothing there
-
-
-def test_borders_of_a_grid():
-    spec = GridSpec(0.5, 4, 6, column0=-2, row0=3, anchor_x_m=0.1)
-    assert extent_of(spec) == pytest.approx((-0.9, 1.1, 1.5, 4.5))
 
 
 def test_a_figure_is_no_picture_of_cells():

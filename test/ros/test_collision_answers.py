@@ -14,8 +14,7 @@ from rclpy.parameter import Parameter
 from std_msgs.msg import Float32MultiArray
 from support.local_ros import Logs, local_node
 
-from ogm_mcmc.evaluation import SampleBits
-from ogm_mcmc.geometry import GridSpec
+from ogm_mcmc.geometry import GridSpec, SampleBits
 from ogm_mcmc.ros.qos import QUESTIONS
 from ogm_mcmc.ros.refine_server import RefineServer
 

@@ -16,8 +16,8 @@ from sensor_msgs.msg import LaserScan, Range
 from std_srvs.srv import Trigger
 from support.ros import NodeProcess, Observer
 
+from ogm_mcmc.engine.tree_files import load_tree
 from ogm_mcmc.geometry import CellBox
-from ogm_mcmc.io.tree_files import load_tree
 from ogm_mcmc.ros.qos import LATCHED
 from ogm_mcmc.simulation import SonarRing
 

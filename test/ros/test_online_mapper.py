@@ -14,10 +14,10 @@ from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool, Trigger
 from support.local_ros import Logs, local_node, pose, scan
 
+from ogm_mcmc.engine.tree_files import load_tree
 from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.geometry import CellBox
 from ogm_mcmc.io.map_files import load_map
-from ogm_mcmc.io.tree_files import load_tree
 from ogm_mcmc.ros.online_mapper import OnlineMapper
 
 pytestmark = [pytest.mark.ros]

@@ -43,7 +43,7 @@ def test_published_figures_are_all_compared():
 
 
 def test_the_shipped_maps_are_speckled_buildings():
-    from ogm_mcmc.io.prior_files import default_prior_file, load_prior
+    from ogm_mcmc.engine.prior_files import default_prior_file, load_prior
 
     figures = patch_statistics(load_prior(default_prior_file()).counts)
     assert figures['p_occupied'] == pytest.approx(0.31, abs=0.05)

@@ -8,9 +8,9 @@ import pytest
 from support.strategies import fan
 
 from ogm_mcmc.config import ForwardModelConfig, WindowConfig
+from ogm_mcmc.engine.prior_files import default_prior_file, load_prior
 from ogm_mcmc.errors import ConfigError, WindowError
 from ogm_mcmc.geometry import CellBox, PlacedScan, Pose2D
-from ogm_mcmc.io.prior_files import default_prior_file, load_prior
 from ogm_mcmc.sampling import CellModel, PosteriorSampler, RayWindow, over_dispersed_starts
 from ogm_mcmc.sampling.patch_gibbs import PatchModel
 from ogm_mcmc.sampling.patch_prior import make_table

@@ -9,9 +9,9 @@ from support.local_tiles import tiled
 from support.strategies import fan
 
 from ogm_mcmc.config import ForwardModelConfig, WindowConfig
+from ogm_mcmc.engine.prior_files import default_prior_file, load_prior
 from ogm_mcmc.errors import GridError, WindowError
 from ogm_mcmc.geometry import CellBox, GridSpec, PlacedScan, Pose2D
-from ogm_mcmc.io.prior_files import default_prior_file, load_prior
 from ogm_mcmc.lab.exact import enumerate_maps
 from ogm_mcmc.sampling import CellModel, PosteriorSampler, RayWindow
 from ogm_mcmc.sampling.gibbs_kernels import conditional_log_odds, sweep_cells

@@ -26,7 +26,6 @@ from ogm_mcmc.plotting import (
     Scale,
     Series,
     curves_png,
-    extent_of,
     grids_png,
     require_matplotlib,
 )
@@ -261,7 +260,7 @@ def _draw(
         f'side of a leaf, 2^n cells of {RESOLUTION:g} m', 0.0, float(method.tree.coarsest),
         'viridis',
     )  # fmt: skip
-    extent = extent_of(method.spec.windowed(box))
+    extent = method.spec.windowed(box).extent_m
     pictures = {
         f'{stem}-regular.png': (Grid(regular, extent), f'{case}: regular grid'),
         f'{stem}-adaptive.png': (

@@ -20,7 +20,6 @@ from ogm_mcmc.plotting import (
     Scale,
     Series,
     curves_png,
-    extent_of,
     grids_png,
 )
 
@@ -47,7 +46,7 @@ class Maps(NamedTuple):
 
 def sample_png(sample: AnyArray, spec: GridSpec) -> bytes:
     """Draw one map of a chain (Fig. 4), nan where no ray came."""
-    return grids_png([Grid(sample, extent_of(spec), SAMPLE)], 'x, m', 'y, m')
+    return grids_png([Grid(sample, spec.extent_m, SAMPLE)], 'x, m', 'y, m')
 
 
 def convergence_png(traces: Mapping[float, Float64Array], burn_ins: Mapping[float, int]) -> bytes:
@@ -95,7 +94,7 @@ def figure_5(
     )
     panels = {}
     for name, (values, scale, title) in grids.items():
-        grid = Grid(np.asarray(values), extent_of(spec), scale, title, closeups=closeups)
+        grid = Grid(np.asarray(values), spec.extent_m, scale, title, closeups=closeups)
         panels[f'{name}.png'] = (
             grids_png([grid], 'x, m', 'y, m'),
             f'Fig. 5 {title}; {circles}',

@@ -19,10 +19,9 @@ from ogm_mcmc.evaluation import (
     LikelihoodField,
     ProbabilityBeams,
     SampleBeams,
-    SampleBits,
 )
 from ogm_mcmc.evaluation.scan_fit import NAV2
-from ogm_mcmc.geometry import GridMap, PlacedScan
+from ogm_mcmc.geometry import GridMap, PlacedScan, SampleBits
 from ogm_mcmc.sensors.forward_model import ForwardModel
 from ogm_mcmc.simulation import ScanFit
 

@@ -18,8 +18,8 @@ from ogm_mcmc.config import (
     flatten,
 )
 from ogm_mcmc.engine.posterior import patch_prior, posterior_model
+from ogm_mcmc.engine.prior_files import default_prior_file
 from ogm_mcmc.geometry import CellBox, GridMap, PlacedScan
-from ogm_mcmc.io.prior_files import default_prior_file
 from ogm_mcmc.sampling import (
     PosteriorSampler,
     RayWindow,

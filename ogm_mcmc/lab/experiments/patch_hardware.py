@@ -16,6 +16,7 @@ import numpy as np
 
 from ogm_mcmc.arrays import BoolArray
 from ogm_mcmc.config import ForwardModelConfig, flatten
+from ogm_mcmc.engine.prior_files import default_prior_file
 from ogm_mcmc.evaluation import (
     beam_log_likelihood,
     confusion_counts,
@@ -24,7 +25,6 @@ from ogm_mcmc.evaluation import (
     without_beams_that_leave,
 )
 from ogm_mcmc.geometry import GridMap, PlacedScan
-from ogm_mcmc.io.prior_files import default_prior_file
 from ogm_mcmc.lab.experiments.benchmark_picture import benchmark_with_rays
 from ogm_mcmc.lab.experiments.buildings import INTEL, STATA
 from ogm_mcmc.lab.experiments.datasets import digest_of, run_all

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from ogm_mcmc.config import LearningConfig, PatchTableConfig
-from ogm_mcmc.io.prior_files import default_prior_file, load_prior
+from ogm_mcmc.engine.prior_files import default_prior_file, load_prior
 from ogm_mcmc.lab.experiments.chains import (
     CUT_SIGMA,
     DEPTH,

@@ -19,7 +19,7 @@ from ogm_mcmc.evaluation import confusion_counts, near
 from ogm_mcmc.geometry import CellBox, GridMap, GridSpec, PlacedScan, Pose2D
 from ogm_mcmc.lab.experiments.map_samples import config_of, sample_map
 from ogm_mcmc.lab.experiments.results import row, save_picture
-from ogm_mcmc.plotting import Grid, Series, extent_of, grids_png
+from ogm_mcmc.plotting import Grid, Series, grids_png
 from ogm_mcmc.simulation import GridWorld, Lidar, generate_floor
 
 __all__ = ['run', 'toy_scans', 'toy_world']
@@ -120,7 +120,7 @@ def draw_maps(
     captions = {}
     for name, (spec, probability) in maps.items():
         file = f'{name.replace(" = ", "").replace(", ", "_").lower()}.png'
-        grid = Grid(probability, extent_of(spec), marks=(Series('robot', x, y, 'C0o'),))
+        grid = Grid(probability, spec.extent_m, marks=(Series('robot', x, y, 'C0o'),))
         save_picture(folder / file, grids_png([grid], 'x, m', 'y, m'))
         captions[file] = f'{name} ([patch] Fig. 1)'
     return captions

@@ -32,7 +32,7 @@ from ogm_mcmc.io.carmen import read_carmen
 from ogm_mcmc.io.gmapping import best_trajectory
 from ogm_mcmc.lab.experiments.recordings import RANGE_MAX_M, as_scan, data_folder
 from ogm_mcmc.lab.experiments.results import row, save_picture
-from ogm_mcmc.plotting import Grid, Series, curves_png, extent_of, grids_png
+from ogm_mcmc.plotting import Grid, Series, curves_png, grids_png
 
 __all__ = ['run']
 
@@ -239,5 +239,5 @@ def draw(
 
 def window_of(grid_map: GridMap, box: CellBox, title: str, marks: Sequence[Series] = ()) -> Grid:
     """Return a box of cells of a map, to be drawn."""
-    extent = extent_of(grid_map.spec.windowed(box))
+    extent = grid_map.spec.windowed(box).extent_m
     return Grid(grid_map.windowed(box).probability, extent, title=title, marks=marks)

@@ -33,7 +33,7 @@ from ogm_mcmc.geometry import CellBox, PlacedScan, Pose2D, PoseBelief, PoseSampl
 from ogm_mcmc.lab.experiments.datasets import run_all
 from ogm_mcmc.lab.experiments.hundred_sets import set_names
 from ogm_mcmc.lab.experiments.results import row, save_picture
-from ogm_mcmc.plotting import Grid, Series, curves_png, extent_of, grids_png
+from ogm_mcmc.plotting import Grid, Series, curves_png, grids_png
 from ogm_mcmc.simulation import (
     Exploration,
     GridWorld,
@@ -335,7 +335,7 @@ def _panels(
     }
     for name, (values, marks, _) in panels.items():
         part = np.nan_to_num(values[world.spec.slices(box)], nan=0.5)
-        grid = Grid(part, extent_of(world.spec.windowed(box)), marks=marks)
+        grid = Grid(part, world.spec.windowed(box).extent_m, marks=marks)
         save_picture(folder / f'fig2_{name}.png', grids_png([grid], 'x, m', 'y, m'))
     return {f'fig2_{name}.png': f'Fig. 2, {caption}' for name, (*_, caption) in panels.items()}
 

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from ogm_mcmc.config import LearningConfig, flatten
-from ogm_mcmc.errors import OutputError, PriorError
-from ogm_mcmc.io.prior_files import (
+from ogm_mcmc.engine.prior_files import (
     FIELDS,
     Prior,
     default_prior_file,
     load_prior,
     save_prior,
 )
+from ogm_mcmc.errors import OutputError, PriorError
 from ogm_mcmc.io.training_maps import MapSource
 from ogm_mcmc.sampling.patch_learning import count_map
 from ogm_mcmc.sampling.patch_prior import make_table
@@ -161,12 +161,12 @@ def test_the_shipped_prior(repository):
 
 
 def test_no_shipped_prior(monkeypatch, tmp_path):
-    from ogm_mcmc.io import prior_files
+    from ogm_mcmc.engine import prior_files
 
-    monkeypatch.setattr(prior_files, '__file__', str(tmp_path / 'ogm_mcmc' / 'io' / 'x.py'))
+    monkeypatch.setattr(prior_files, '__file__', str(tmp_path / 'ogm_mcmc' / 'engine' / 'x.py'))
     with pytest.raises(PriorError, match=r'buildings\.npz: not found'):
         default_prior_file()
-    installed = tmp_path / 'lib' / 'python3' / 'site-packages' / 'ogm_mcmc' / 'io' / 'x.py'
+    installed = tmp_path / 'lib' / 'python3' / 'site-packages' / 'ogm_mcmc' / 'engine' / 'x.py'
     monkeypatch.setattr(prior_files, '__file__', str(installed))
     share = tmp_path / 'share' / 'ogm_mcmc' / 'priors'
     share.mkdir(parents=True)

@@ -6,10 +6,10 @@ from hypothesis import given, settings
 from support.strategies import REPEATABLE, fan, poses, scans
 
 from ogm_mcmc.config import AdaptiveConfig, MapperConfig, flatten
+from ogm_mcmc.engine.tree_files import load_tree
 from ogm_mcmc.errors import MapFileError
 from ogm_mcmc.geometry import PlacedScan, Pose2D
 from ogm_mcmc.io.map_files import write_tables
-from ogm_mcmc.io.tree_files import load_tree
 from ogm_mcmc.mapping import AdaptiveMapper
 
 
