@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import threading
 import time
-from concurrent.futures import Executor
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -43,11 +42,13 @@ from ogm_mcmc.config.nodes import REFINE_CONFIGS, RefineSamplerConfig
 from ogm_mcmc.engine.joint_poses import PoseRefinement
 from ogm_mcmc.engine.refinement import Progress, Recording, Refinement, warm_up
 from ogm_mcmc.engine.signals import interruptible
+from ogm_mcmc.engine.tiled_refinement import TiledRefinement
 from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.files.output_files import checked_name, makeable_folder
 from ogm_mcmc.geometry import GridMap, GridSpec
 from ogm_mcmc.io.map_files import load_grid
-from ogm_mcmc.lab.cluster import connected, distribute
+from ogm_mcmc.lab.cluster import Workers, connected, distribute
+from ogm_mcmc.lab.tile_cluster import ClusterTiles
 
 __all__ = ['add_to']
 
@@ -115,6 +116,12 @@ def add_to(subparsers: Subparsers) -> None:
     add_stream_options(parser)
     add_max_cells(parser)
     add_scheduler(parser)
+    parser.add_argument(
+        '--tiles',
+        metavar='NxM',
+        help='cut the map into N x M tiles, each held by one worker of --scheduler with the rays '
+        'that cross it: for windows that do not fit on one machine',
+    )
     add_json(parser)
     parser.set_defaults(run=run)
 
@@ -124,6 +131,7 @@ def run(options: argparse.Namespace) -> int:
     check_options(options, RANGES)
     chosen = _chosen(options)
     _refuse_unused(options, chosen)
+    shape = _tiles(options)
     # What cannot be saved is better said before the work than after it.
     checked_name(options.name)
     makeable_folder(options.folder)
@@ -133,14 +141,15 @@ def run(options: argparse.Namespace) -> int:
     if options.start_map is not None:
         start = _on_lattice(load_grid(options.start_map, options.max_cells))
     with connected(options.scheduler) as executor:
-        return _run(options, chosen, start, executor)
+        return _run(options, chosen, start, executor, shape)
 
 
 def _run(
     options: argparse.Namespace,
     chosen: _Chosen,
     start: GridMap | None,
-    executor: Executor | None,
+    executor: Workers | None,
+    shape: tuple[int, int] | None,
 ) -> int:
     warm_up(chosen.sampler)
     started = time.perf_counter()
@@ -148,7 +157,10 @@ def _run(
     recording = Recording(chosen.recording)
     for placed in bag.placed:
         recording.add(placed)
+    tiles = None if shape is None or executor is None else ClusterTiles(executor)
     refinement = Refinement(chosen.sampler)
+    if tiles is not None and shape is not None:
+        refinement = TiledRefinement(chosen.sampler, *shape, tiles)
     scans = recording.snapshot()
     poses: PoseRefinement | None = None
     if chosen.poses.joint:
@@ -159,7 +171,7 @@ def _run(
     refinement.take(scans, start)
     state = KeptState(refinement, options.state)
     resumed = state.resume()
-    if executor is not None:
+    if executor is not None and tiles is None:
         distribute(refinement, scans, executor)
     with interruptible() as interrupted:
         try:
@@ -179,6 +191,8 @@ def _run(
     failed = state.attempt()
     if options.state is not None and failed is None:
         result['state'] = str(options.state)
+    if tiles is not None and isinstance(refinement, TiledRefinement):
+        result['tiles'] = {'groups': refinement.tiled.summaries.groups, **tiles.figures()}
     if poses is not None:
         result['trajectory'] = poses.figures()
     trajectory = None if poses is None else poses.trajectory()
@@ -225,6 +239,18 @@ def _refuse_unused(options: argparse.Namespace, chosen: _Chosen) -> None:
         options.thin = 10
     if getattr(options, 'patch.prior_file') and chosen.sampler.patch.prior == 'uniform':
         raise ConfigError('--prior-file: expected with --prior patch or border, not uniform')
+
+
+def _tiles(options: argparse.Namespace) -> tuple[int, int] | None:
+    """Return the columns and rows of --tiles."""
+    if options.tiles is None:
+        return None
+    if not options.scheduler:
+        raise ConfigError('--tiles: expected with --scheduler, whose workers hold them')
+    columns, _, rows = options.tiles.partition('x')
+    if not (columns.isdecimal() and rows.isdecimal() and int(columns) > 0 and int(rows) > 0):
+        raise ConfigError(f'--tiles {options.tiles}: expected columns x rows, such as 2x2')
+    return int(columns), int(rows)
 
 
 def _settings(options: argparse.Namespace, chosen: _Chosen) -> dict[str, Any]:
@@ -281,7 +307,7 @@ def _sampled(
     resumed: int,
     recording: Recording,
 ) -> dict[str, Any]:
-    sampler, index = refinement.sampler, refinement.window.index
+    sampler, index = refinement.sampler, refinement.size
     assert sampler is not None
     quality = sampler.quality()
     figures = {

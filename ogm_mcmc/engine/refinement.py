@@ -36,6 +36,7 @@ from ogm_mcmc.files.output_files import replacing
 from ogm_mcmc.geometry import GridMap, PlacedScan, Pose2D, Scan
 from ogm_mcmc.sampling import (
     ChainQuality,
+    PosteriorModel,
     PosteriorSampler,
     RayWindow,
     over_dispersed_starts,
@@ -45,6 +46,7 @@ from ogm_mcmc.sampling.informed import known_cells
 from ogm_mcmc.sampling.posterior import ARRIVES, forgotten
 
 __all__ = [
+    'IndexSize',
     'Progress',
     'Recording',
     'Refinement',
@@ -83,6 +85,14 @@ class Progress(NamedTuple):
             return round(value, 6) if math.isfinite(value) else None
 
         return {key: plain(value) for key, value in self._asdict().items()}
+
+
+class IndexSize(NamedTuple):
+    """Rays, pairs of a ray and a cell it crosses, memory."""
+
+    n_rays: int
+    n_pairs: int
+    n_bytes: int
 
 
 class Refinement:
@@ -138,21 +148,32 @@ class Refinement:
                 warm = [warped(grid, before, window.spec) for grid in warm]
         self.window, self._taken = window, list(scans)
         self._begin(start, warm)
-        return window.index.n_rays
+        return self.size.n_rays
 
     def _indexed(self, scans: Sequence[PlacedScan], known: int) -> RayWindow:
         """Return the rays of scans, the first `known` of which are indexed; judge new ones."""
         if known == 0:
-            asked = self.config.window
-            self.no_return = no_return_of(
-                asked.no_return, scans, asked.resolution, asked.max_range
-            )
-            self.model, self.sensor = fit_sensor(scans, self._decided())
+            self._judge(scans)
         window = self.window if known else self._empty_window()
         window.add(scans[known:])
         if window.index.n_rays == 0:
             raise WindowError(f'no beam of {len(scans)} scans says anything: nothing to sample')
         return window
+
+    def _judge(self, scans: Sequence[PlacedScan]) -> None:
+        """Find out what the scans say of their sensor."""
+        asked = self.config.window
+        self.no_return = no_return_of(asked.no_return, scans, asked.resolution, asked.max_range)
+        self.model, self.sensor = fit_sensor(scans, self._decided())
+
+    @property
+    def size(self) -> IndexSize:
+        """How large the index of the window is."""
+        index = self.window.index
+        return IndexSize(index.n_rays, index.n_pairs, index.n_bytes)
+
+    def _posterior(self) -> PosteriorModel:
+        return posterior_model(self.config, self.window, self._table)
 
     def _decided(self) -> SamplerConfig:
         """Return the settings with what no return was found to mean."""
@@ -165,7 +186,7 @@ class Refinement:
 
     def _begin(self, start: GridMap | None, warm: list[GridMap]) -> None:
         chain, spec = self.config.chain, self.window.spec
-        model = posterior_model(self.config, self.window, self._table)
+        model = self._posterior()
         threshold = chain.start_threshold
         if start is not None:
             starts = [cells_on(spec, start, threshold, chain.prior)] * chain.chains

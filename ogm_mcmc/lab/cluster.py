@@ -58,7 +58,7 @@ RETRIES = 3
 
 
 @contextmanager
-def connected(address: str) -> Iterator[Executor | None]:
+def connected(address: str) -> Iterator[Workers | None]:
     """Give the workers of a Dask scheduler as an executor; None without an address.
 
     Raises ConfigError where `distributed` is not installed, and ClusterError when the scheduler

@@ -214,7 +214,7 @@ class RayWindow:
         passed; nothing has changed then.
         """
         scans = list(placed)
-        more = self._sum_of_sizes(scans)
+        more = self.sum_of_sizes(scans)
         if more.rays == 0:
             return 0
         size = self._size.with_more(more)
@@ -253,7 +253,8 @@ class RayWindow:
                 yield BeamRays(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
                 parts = []
 
-    def _sum_of_sizes(self, scans: Sequence[PlacedScan]) -> WindowSize:
+    def sum_of_sizes(self, scans: Sequence[PlacedScan]) -> WindowSize:
+        """Return what scans add to a window; raises GridError for a ray that is too long."""
         size = WindowSize(0, 0, CellBox(0, 0, 0, 0))
         for scan in scans:
             size = size.with_more(self._size_of(self._cast(scan)))

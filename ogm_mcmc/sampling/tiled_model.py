@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -19,16 +18,24 @@ from ogm_mcmc.sampling.ray_summaries import summaries_of
 from ogm_mcmc.sampling.tile_gibbs import Drawn, TileJob, TileReport
 from ogm_mcmc.sampling.tiles import Tiling
 
-__all__ = ['Arrivals', 'TilePrior', 'TiledModel', 'Tiles']
+__all__ = ['Arrivals', 'Pending', 'TilePrior', 'TiledModel', 'Tiles']
 
 Arrivals = Callable[[AnyArray, Float32Array, float], Float32Array]
 """Of `telling` (N,), probabilities (K,) and the least chance: as `tile_index.arrivals` has it."""
 
 
+class Pending(Protocol):
+    """A job under way, such as a `Future`."""
+
+    def result(self) -> Drawn:
+        """Wait for what was drawn."""
+        ...
+
+
 class Tiles(Protocol):
     """Those who hold the tiles."""
 
-    def draw(self, tile: int, job: TileJob) -> Future[Drawn]:
+    def draw(self, tile: int, job: TileJob) -> Pending:
         """Let a tile do a job."""
         ...
 

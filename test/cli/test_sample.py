@@ -191,6 +191,11 @@ def test_the_yaml_of_the_node_and_a_start_map(sample, tmp_path):
         (['--sigma', '0'], 'sigma is 0.0'),
         (['--samples', '-1'], '--samples is -1: expected 0 or more'),
         (['--thin', '0'], 'thin is 0'),
+        (['--tiles', '2x2'], '--tiles: expected with --scheduler'),
+        (
+            ['--tiles', '2', '--scheduler', 'tcp://127.0.0.1:9'],
+            '--tiles 2: expected columns x rows, such as 2x2',
+        ),
         (['--thin', '5'], '--thin: expected with --samples'),
         (['--prior-file', 'notes.txt'], '--prior-file: expected with --prior patch or border'),
         (['--patch-size', '4'], 'error: patch.size is 4'),

@@ -1,10 +1,12 @@
 """Chains and data sets on a Dask cluster: what comes back is what local work gives."""
 
+import json
 import os
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 
 import numpy as np
 import pytest
+from support.local_tiles import LocalHolders
 from support.tasks import dying_once, square, whereabouts
 
 from ogm_mcmc.cli import sample as sample_command
@@ -19,10 +21,12 @@ from ogm_mcmc.config import (
 )
 from ogm_mcmc.engine.prior_files import default_prior_file
 from ogm_mcmc.engine.refinement import Refinement
+from ogm_mcmc.engine.tiled_refinement import TiledRefinement
 from ogm_mcmc.errors import ClusterError, ConfigError, WindowError
 from ogm_mcmc.lab import cluster, experiments
 from ogm_mcmc.lab.cluster import connected, distribute
 from ogm_mcmc.lab.experiments import run_all
+from ogm_mcmc.lab.tile_cluster import ClusterTiles
 from ogm_mcmc.simulation import WORLDS, Lidar, record
 
 STOP = StopConfig(max_sweeps=120, max_time=1e6, r_hat=0.0)
@@ -253,6 +257,54 @@ def test_sample_on_a_cluster(dask_cluster, office_bag, tmp_path, capsys, monkeyp
     assert len(shared) == 1
     for one, other in zip(whole, parts, strict=True):
         assert np.array_equal(one, other, equal_nan=True)
+
+
+@pytest.mark.slow
+@pytest.mark.jit
+def test_tiles_on_a_cluster(dask_cluster, office_bag, scans, tmp_path, capsys):
+    """What tiles in this process give, though a worker is lost, and by the command."""
+    here = TiledRefinement(config(), 2, 2, LocalHolders())
+    here.take(scans)
+    few = StopConfig(max_sweeps=40, max_time=1e6, r_hat=0.0)
+    list(here.run(few))
+    with connected(dask_cluster.scheduler_address) as workers:
+        tiles = ClusterTiles(workers)
+        there = TiledRefinement(config(), 2, 2, tiles)
+        there.take(scans)
+        rounds = there.run(few)
+        next(rounds)
+        held = tiles.figures()['workers']
+        assert sorted(tile for of in held.values() for tile in of['tiles']) == [1, 2, 3, 4]
+        assert all(len(of['tiles']) == 2 for of in held.values())
+        gone = workers.client.submit(
+            dying_once, str(tmp_path / 'gone'), abs, 1, workers=[min(held)], pure=False
+        )
+        list(rounds)
+        assert (tmp_path / 'gone').exists()
+        gone.cancel()
+        assert tiles.traffic.jobs > 40 * 2 * 4
+        assert min(tiles.traffic.told, tiles.traffic.answered) > 0
+    same(there, here)
+    few = (
+        '--resolution',
+        '0.2',
+        '--beam-stride',
+        '12',
+        '--burn-in',
+        '2',
+        '--r-hat',
+        '0',
+        '--json',
+    )
+    arguments = ['sample', str(office_bag), '-o', str(tmp_path), *few, '--max-sweeps', '6']
+    arguments += ['--scheduler', dask_cluster.scheduler_address, '--tiles', '2x1']
+    assert run([*arguments, '--prior', 'uniform', '--patch-size', '1']) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said['counted'] == 4
+    assert sorted(n for group in said['tiles']['groups'] for n in group) == [0, 1]
+    assert said['tiles']['parcel_bytes'] > 0
+    assert said['rays'] > 0
+    assert (tmp_path / 'map.yaml').exists()
 
 
 def test_no_scheduler(monkeypatch, tmp_path, capsys):

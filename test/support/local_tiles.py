@@ -2,11 +2,12 @@
 
 from concurrent.futures import Future
 
+from ogm_mcmc.engine.tiled_refinement import Held, tile_sampler
 from ogm_mcmc.sampling.tile_gibbs import TileSampler
 from ogm_mcmc.sampling.tile_index import arrivals
 from ogm_mcmc.sampling.tiled_model import TiledModel, TilePrior
 
-__all__ = ['LocalTiles', 'tiled']
+__all__ = ['LocalHolders', 'LocalTiles', 'tiled']
 
 
 class LocalTiles:
@@ -21,6 +22,18 @@ class LocalTiles:
         done = Future()
         done.set_result(self.samplers[tile].draw(job))
         return done
+
+
+class LocalHolders:
+    """Holds tiles in this process; `asked` are the settings and how many tiles, each time."""
+
+    def __init__(self):
+        self.asked = []
+
+    def hold(self, config, scans, tiling):
+        self.asked.append((config, len(tiling.tiles)))
+        samplers = [tile_sampler(config, scans, tiling, i) for i in range(len(tiling.tiles))]
+        return Held(LocalTiles(samplers), [sampler.report() for sampler in samplers])
 
 
 def tiled(scans, window, model, tiling, table=None, **prior):

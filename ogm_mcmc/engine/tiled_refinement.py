@@ -1,0 +1,101 @@
+"""A refinement whose window no process holds as a whole; see `ogm_mcmc.sampling.tiles`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+from typing import NamedTuple, Protocol
+
+from ogm_mcmc.config import SamplerConfig
+from ogm_mcmc.engine.posterior import patch_prior
+from ogm_mcmc.engine.refinement import IndexSize, Refinement
+from ogm_mcmc.errors import ConfigError, WindowError
+from ogm_mcmc.geometry import PlacedScan
+from ogm_mcmc.sampling import PosteriorModel, RayWindow
+from ogm_mcmc.sampling.tile_gibbs import TileReport, TileSampler
+from ogm_mcmc.sampling.tile_index import arrivals
+from ogm_mcmc.sampling.tiled_model import TiledModel, TilePrior, Tiles
+from ogm_mcmc.sampling.tiles import Tiling, tiling_of
+
+__all__ = ['Held', 'Holders', 'TiledRefinement', 'tile_sampler']
+
+
+class Held(NamedTuple):
+    """Tiles that are held somewhere, and what they say of themselves, in order."""
+
+    tiles: Tiles
+    reports: Sequence[TileReport]
+
+
+class Holders(Protocol):
+    """Processes that hold tiles; settings name the numbers of the sensor, nothing is fitted."""
+
+    def hold(self, config: SamplerConfig, scans: Sequence[PlacedScan], tiling: Tiling) -> Held:
+        """Let each tile be held by one of them."""
+        ...
+
+
+def tile_sampler(
+    config: SamplerConfig, scans: Sequence[PlacedScan], tiling: Tiling, tile: int
+) -> TileSampler:
+    """Return what holds a tile; raises WindowError where it takes too much memory."""
+    table = patch_prior(config).table
+    return TileSampler(scans, config.window, config.model, table, tiling, tile)
+
+
+class TiledRefinement(Refinement):
+    """A refinement in `columns` x `rows` tiles. All scans are indexed anew when some come in.
+
+    What is here: the map of every chain, its counts, the scans, and some 30 bytes a ray.
+    """
+
+    def __init__(self, config: SamplerConfig, columns: int, rows: int, holders: Holders) -> None:
+        super().__init__(config)
+        if config.patch.order != 'tiled' or config.patch.random_share > 0.0:
+            raise ConfigError(
+                f'patch.order is {config.patch.order}: expected tiled where the map is in tiles'
+            )
+        self._shape, self._holders = (columns, rows), holders
+        self._model: TiledModel | None = None
+        self._size = IndexSize(0, 0, 0)
+
+    def _indexed(self, scans: Sequence[PlacedScan], known: int) -> RayWindow:
+        """Let the rays of scans be held; what is returned has none, and says where cells lie."""
+        if known == 0:
+            self._judge(scans)
+        decided, window = self._decided(), self._empty_window()
+        size = window.sum_of_sizes(scans)
+        if size.rays == 0:
+            raise WindowError(f'no beam of {len(scans)} scans says anything: nothing to sample')
+        window.spec = window.spec.windowed(size.box)
+        side = 0 if self._table is None else self._table.side
+        tiling = tiling_of(window.spec, *self._shape, side)
+        patch, chain = decided.patch, decided.chain
+        # What was found out here is not looked for again.
+        given = replace(decided, model=self.model, chain=replace(chain, sensor='given'))
+        held = self._holders.hold(given, scans, tiling)
+        prior = TilePrior(chain.prior_log_odds, chain.order, side, patch.margin, patch.escape)
+        arrive = partial(arrivals, list(scans), given.window, self.model, tiling.spec)
+        self._model = TiledModel(tiling, held.reports, held.tiles, prior, arrive)
+        self._size = IndexSize(
+            size.rays,
+            sum(report.n_pairs for report in held.reports),
+            sum(report.n_bytes for report in held.reports),
+        )
+        return window
+
+    @property
+    def size(self) -> IndexSize:
+        """How large the parts of the index are together."""
+        return self._size
+
+    @property
+    def tiled(self) -> TiledModel:
+        """The posterior that is sampled."""
+        if self._model is None:
+            raise WindowError('no scan was taken: nothing to sample')
+        return self._model
+
+    def _posterior(self) -> PosteriorModel:
+        return self.tiled
