@@ -2,7 +2,8 @@
 
 Numba counts the references of every array that is handed to an inner function, and takes it back
 unless it sees that the two cancel out, which it does not in large functions. In a sweep that took
-longer than looking at the rays (25 instead of 10 ms on the scene of `bench`).
+longer than looking at the rays (25 instead of 10 ms on the scene of `bench`). A count of an array
+whose owner is known to be none is dropped, in everything that is inlined there, too.
 """
 
 from __future__ import annotations

@@ -19,6 +19,8 @@ __all__ = [
     'Draw',
     'GibbsState',
     'SweepInfo',
+    'draw_cells',
+    'first_hits',
     'highest_probability',
     'start',
     'sweep',
@@ -51,6 +53,32 @@ class SweepInfo(NamedTuple):
 
 
 Draw = tuple[GibbsState, SweepInfo]
+
+
+def first_hits(cells: UInt8Array, index: RayIndex) -> AnyArray:
+    """Return the records (N, 2) int32 of a map (K,), see `ogm_mcmc.sampling.gibbs_kernels`."""
+    records = np.empty((index.n_rays, 2), np.int32)
+    find_first_hits(cells, records, records.view(np.float32), *index.arrays())
+    return records
+
+
+def draw_cells(
+    rng: Generator,
+    order: AnyArray,
+    state: GibbsState,
+    index: RayIndex,
+    ceiling: Float32Array,
+    log_odds: float,
+) -> int:
+    """Draw the cells of `order` (C,) int32 in turn, in place; return the number of flips.
+
+    ceiling  (K,) no map of the other cells gives a cell a higher probability (see
+             `highest_probability`, of the same prior `log_odds`)
+    """
+    cells, records = state
+    bits = records.view(np.float32)
+    arrays = index.arrays()
+    return int(sweep_cells(rng, order, cells, records, bits, ceiling, log_odds, *arrays))
 
 
 class CellModel:
@@ -88,9 +116,7 @@ class CellModel:
             )
         mine = np.zeros(self.n_cells, np.uint8)
         mine[self.touched] = cells[self.touched] != 0
-        records = np.empty((self.index.n_rays, 2), np.int32)
-        find_first_hits(mine, self.index, records)
-        return GibbsState(mine, records)
+        return GibbsState(mine, first_hits(mine, self.index))
 
     def advance(
         self,
@@ -109,7 +135,7 @@ class CellModel:
             order = rng.permutation(self.touched)
         elif self.order == 'checkerboard':
             order = self._checkered
-        return int(sweep_cells(rng, order, *state, self.index, self.ceiling, self.prior_log_odds))
+        return draw_cells(rng, order, state, self.index, self.ceiling, self.prior_log_odds)
 
     def focus(self, in_doubt: BoolArray) -> None:
         """Return nothing: a settled cell costs next to nothing."""
@@ -128,7 +154,7 @@ class CellModel:
         """Draw all sampled cells one by one, as if they were independent with this prior."""
         ceiling = highest_probability(self.index, prior_log_odds)
         for _ in range(sweeps):
-            sweep_cells(rng, self.touched, *state, self.index, ceiling, prior_log_odds)
+            draw_cells(rng, self.touched, state, self.index, ceiling, prior_log_odds)
 
     def log_prior(self, state: GibbsState) -> float:
         """Log p(m) less that of the empty map, nats."""

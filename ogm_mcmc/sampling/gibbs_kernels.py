@@ -5,13 +5,17 @@ records  (N, 2) int32, one row a ray: the place (see `ray_line_kernels`) of the 
          cell, NOTHING if there is none, and log p(z | that) as the bits of a float32, so that one
          look fetches both
 
-Names ending in `_bits` are the same memory as float32. The inner functions take plain arrays,
-those of `RayIndex.arrays()`, and call no further function for an element of one: a tuple of
-arrays, a view made per cell or a call per ray makes Numba count references, which takes longer
-than looking at the rays themselves (measured: four times the whole sweep). What is called once a
-cell is not inlined: the kernels compile in two thirds of the time (48 s of CPU instead of 72 on a
-busy machine), and a sweep takes as long as before. Inlined no more either, `hit_behind` saved
-another 7 s and made sweeps slower by 40 %.
+Names ending in `_bits` are the same memory as float32. All kernels take plain arrays, those of
+`RayIndex.arrays()`: a tuple of arrays or a view made per cell makes Numba count references, which
+takes longer than looking at the rays themselves (measured: four times the whole sweep). Each
+borrows them at its beginning (see `borrowed_arrays`).
+
+What is called once a cell is a function of its own, what is called once a ray is inlined, or
+sweeps are slower by 40 %: by LLVM (`forceinline`), after Numba has read and typed it once, not by
+Numba itself (`inline='always'`), which does so for every place it is called from. That and no
+wrappers for C callbacks (`no_cfunc_wrapper`) brought the time to compile all kernels of a sampler
+from 24.2 to 16.0 s of the processor; borrowing in every function made sweeps 14 % faster
+(Intel, 5 cm, pairs in one run on a busy machine, the same draws).
 """
 
 import math
@@ -51,12 +55,16 @@ FROM_NEAR, FROM_FRONT, FROM_TILE = range(3)
 SLACK = 1e-5
 
 
-@njit(cache=True, nogil=True)
-def find_first_hits(cells, index, records):
+@njit(cache=True, nogil=True, no_cfunc_wrapper=True)
+def find_first_hits(
+    cells, records, bits, marks, lists, full, gain, near, near_bits, front, tiles, runs,
+    run_lengths, rays, ray_bits, grid,
+):  # fmt: skip
     """Fill the records from the map."""
-    bits, near_bits = records.view(np.float32), index.near.view(np.float32)
-    marks, lists, near, rays = index.marks, index.lists, index.near, index.rays
-    ray_bits, width = rays.view(np.float32), index.grid[WIDTH]
+    marks, lists = borrowed(marks), borrowed(lists)
+    near, near_bits = borrowed(near), borrowed(near_bits)
+    cells, rays, ray_bits = borrowed(cells), borrowed(rays), borrowed(ray_bits)
+    width = grid[WIDTH]
     for ray in range(records.shape[0]):
         start, shape = rays[ray, START], rays[ray, SHAPE]
         column, row = start & LOW_32, start >> 32
@@ -75,7 +83,7 @@ def find_first_hits(cells, index, records):
         bits[ray, 1] = value
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, no_cfunc_wrapper=True)
 def log_odds_unless_below(
     threshold, prior, cell, cells, records, bits, marks, lists, full, gain, near, near_bits,
     front, tiles, runs, run_lengths, rays, ray_bits, grid,
@@ -87,6 +95,11 @@ def log_odds_unless_below(
     Rays that it is near to come first; those that only pass far in front can but lower the sum.
     Stops adding when the sum is sure to end below `threshold`, and returns what it has then.
     """
+    cells, records, bits = borrowed(cells), borrowed(records), borrowed(bits)
+    marks, lists, full, gain = borrowed(marks), borrowed(lists), borrowed(full), borrowed(gain)
+    near, near_bits, front = borrowed(near), borrowed(near_bits), borrowed(front)
+    tiles, runs, run_lengths = borrowed(tiles), borrowed(runs), borrowed(run_lengths)
+    rays, ray_bits, grid = borrowed(rays), borrowed(ray_bits), borrowed(grid)
     row = cell // grid[WIDTH]
     column = cell - row * grid[WIDTH]
     log_odds = prior
@@ -147,23 +160,17 @@ def log_odds_unless_below(
     return log_odds
 
 
-@njit(cache=True, nogil=True)
-def conditional_log_odds(cell, cells, records, index, prior):
-    """Log-odds of one cell given all others, to the last ray; see `log_odds_unless_below`."""
-    return log_odds_unless_below(
-        -math.inf, prior, cell, cells, records, records.view(np.float32), index.marks,
-        index.lists, index.full, index.gain, index.near, index.near.view(np.float32), index.front,
-        index.tiles, index.runs, index.run_lengths, index.rays, index.rays.view(np.float32),
-        index.grid,
-    )  # fmt: skip
-
-
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, no_cfunc_wrapper=True)
 def redirect_rays(
     cell, cells, records, bits, marks, lists, full, near, near_bits, front, tiles, runs,
     run_lengths, rays, ray_bits, grid,
 ):  # fmt: skip
     """Let rays end in a cell that is occupied now, or go on behind one that is free now."""
+    cells, records, bits = borrowed(cells), borrowed(records), borrowed(bits)
+    marks, lists, full = borrowed(marks), borrowed(lists), borrowed(full)
+    near, near_bits, front = borrowed(near), borrowed(near_bits), borrowed(front)
+    tiles, runs, run_lengths = borrowed(tiles), borrowed(runs), borrowed(run_lengths)
+    rays, ray_bits, grid = borrowed(rays), borrowed(ray_bits), borrowed(grid)
     row = cell // grid[WIDTH]
     column = cell - row * grid[WIDTH]
     occupied = cells[cell] != 0
@@ -218,29 +225,18 @@ def redirect_rays(
             bits[code >> 2, 1] = now
 
 
-@njit(cache=True, nogil=True)
-def sweep_cells(rng, order, cells, records, index, ceiling, prior):
+@njit(cache=True, nogil=True, no_cfunc_wrapper=True)
+def sweep_cells(
+    rng, order, cells, records, bits, ceiling, prior, marks, lists, full, gain, near, near_bits,
+    front, tiles, runs, run_lengths, rays, ray_bits, grid,
+):  # fmt: skip
     """Draw every cell of `order` once from its conditional; return the number of flips.
 
     ceiling  (K,) float32: no map of the other cells gives a cell a higher probability
     A cell is occupied when u < p, u uniform. Where u is not below the ceiling it is free, and no
     ray has to be looked at; elsewhere rays are added until what the others can add at most
-    (`index.gain`) does not matter any more. Neither changes any draw.
+    (`gain`) does not matter any more. Neither changes any draw.
     """
-    return sweep_arrays(
-        rng, order, cells, records, records.view(np.float32), ceiling, prior, index.marks,
-        index.lists, index.full, index.gain, index.near, index.near.view(np.float32), index.front,
-        index.tiles, index.runs, index.run_lengths, index.rays, index.rays.view(np.float32),
-        index.grid,
-    )  # fmt: skip
-
-
-@njit(cache=True, nogil=True)
-def sweep_arrays(
-    rng, order, cells, records, bits, ceiling, prior, marks, lists, full, gain, near, near_bits,
-    front, tiles, runs, run_lengths, rays, ray_bits, grid,
-):  # fmt: skip
-    """Sweep over all cells of `order` once; return the flips. Arguments: see `sweep_cells`."""
     cells, records, bits = borrowed(cells), borrowed(records), borrowed(bits)
     marks, lists, full, gain = borrowed(marks), borrowed(lists), borrowed(full), borrowed(gain)
     near, near_bits, front = borrowed(near), borrowed(near_bits), borrowed(front)
@@ -271,7 +267,7 @@ def sweep_arrays(
     return flips
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, no_cfunc_wrapper=True)
 def add_occupied(cells, touched, counts):
     """Count the occupied among the touched cells: counts (C,) uint32."""
     for j in range(touched.size):

@@ -80,8 +80,12 @@ from numpy.random import Generator
 
 from ogm_mcmc.arrays import AnyArray, BoolArray, Float32Array, UInt8Array
 from ogm_mcmc.errors import GridError, WindowError, require
-from ogm_mcmc.sampling.cell_gibbs import GibbsState, highest_probability
-from ogm_mcmc.sampling.gibbs_kernels import find_first_hits, sweep_cells
+from ogm_mcmc.sampling.cell_gibbs import (
+    GibbsState,
+    draw_cells,
+    first_hits,
+    highest_probability,
+)
 from ogm_mcmc.sampling.informed import arrival, telling_cells
 from ogm_mcmc.sampling.patch_gibbs_kernels import sweep_patches
 from ogm_mcmc.sampling.patch_patterns import ring_cells
@@ -159,9 +163,7 @@ class PatchModel:
         if self._surrounded:
             mine[:] = SURROUNDING
             mine[self.touched] = cells[self.touched] != 0
-        records = np.empty((self.index.n_rays, 2), np.int32)
-        find_first_hits(mine, self.index, records)
-        return GibbsState(mine, records)
+        return GibbsState(mine, first_hits(mine, self.index))
 
     def advance(
         self,
@@ -235,4 +237,4 @@ class PatchModel:
         """Draw all sampled cells one by one, as if they were independent with this prior."""
         ceiling = highest_probability(self.index, prior_log_odds)
         for _ in range(sweeps):
-            sweep_cells(rng, self.touched, *state, self.index, ceiling, prior_log_odds)
+            draw_cells(rng, self.touched, state, self.index, ceiling, prior_log_odds)

@@ -11,8 +11,7 @@ import numpy as np
 from ogm_mcmc.arrays import AnyArray, BoolArray, Float32Array, UInt8Array
 from ogm_mcmc.config import ForwardModelConfig, WindowConfig
 from ogm_mcmc.geometry import PlacedScan
-from ogm_mcmc.sampling.cell_gibbs import GibbsState, highest_probability
-from ogm_mcmc.sampling.gibbs_kernels import sweep_cells
+from ogm_mcmc.sampling.cell_gibbs import GibbsState, draw_cells, highest_probability
 from ogm_mcmc.sampling.patch_gibbs import PatchModel
 from ogm_mcmc.sampling.patch_prior import PatchTable
 from ogm_mcmc.sampling.tile_index import TileRays, tile_rays
@@ -155,4 +154,4 @@ class TileSampler:
         if ceiling is None:
             ceiling = highest_probability(self.rays.local, job.number)
             self._ceilings = {job.number: ceiling}
-        return int(sweep_cells(rng, order, *state, self.rays.local, ceiling, job.number))
+        return draw_cells(rng, order, state, self.rays.local, ceiling, job.number)

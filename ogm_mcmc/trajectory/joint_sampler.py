@@ -35,7 +35,7 @@ from ogm_mcmc.config import ChainConfig, ForwardModelConfig, WindowConfig
 from ogm_mcmc.errors import WindowError, require
 from ogm_mcmc.geometry import CellBox, GridSpec, PlacedScan, Scan
 from ogm_mcmc.sampling import CellModel, RayWindow, WindowSize
-from ogm_mcmc.sampling.gibbs_kernels import find_first_hits
+from ogm_mcmc.sampling.cell_gibbs import first_hits
 from ogm_mcmc.trajectory.factors import PoseFactors
 from ogm_mcmc.trajectory.points import poses_of, wrapped
 
@@ -157,9 +157,7 @@ class JointPosterior:
             result[used] = 0.0
             return result
         part = self._part(cells, rays.spec)
-        records = np.empty((rays.index.n_rays, 2), np.int32)
-        find_first_hits(part, rays.index, records)
-        values = records.view(np.float32)[:, 1].astype(np.float64)
+        values = first_hits(part, rays.index).view(np.float32)[:, 1].astype(np.float64)
         owner = np.repeat(np.arange(used.size), per_scan)
         result[used] = np.bincount(owner, values, minlength=used.size)
         return result

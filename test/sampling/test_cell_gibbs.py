@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.conditionals import conditional_log_odds
 from support.naive_posterior import NaivePosterior
 from support.strategies import REPEATABLE, fan
 from support.tiny_problems import TinyProblem, cell_numbers, tiny_problems
@@ -13,7 +14,7 @@ from ogm_mcmc.errors import ConfigError, GridError
 from ogm_mcmc.geometry import PlacedScan, Pose2D
 from ogm_mcmc.sampling import CellModel, PosteriorSampler, RayWindow, sweep
 from ogm_mcmc.sampling.cell_gibbs import ORDERS, start
-from ogm_mcmc.sampling.gibbs_kernels import conditional_log_odds, find_first_hits
+from ogm_mcmc.sampling.gibbs_kernels import find_first_hits
 
 approx = pytest.approx
 
@@ -147,7 +148,7 @@ def test_a_sweep_leaves_the_posterior_as_it_is(tiny):
 
     def conditional(number, b):
         state, cell = states[number], model.touched[b]
-        return conditional_log_odds(cell, *state, model.index, model.prior_log_odds)
+        return conditional_log_odds(cell, state, model.index, model.prior_log_odds)
 
     posterior = naive.probabilities()
     matrix = transition_matrix(model, range(model.touched.size), conditional)

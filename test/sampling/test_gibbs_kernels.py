@@ -6,17 +6,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.conditionals import conditional_log_odds
 from support.strategies import REPEATABLE
 from support.tiny_problems import cell_numbers, tiny_problems
 
 from ogm_mcmc.sampling import CellModel
-from ogm_mcmc.sampling.gibbs_kernels import (
-    add_occupied,
-    conditional_log_odds,
-    find_first_hits,
-    sweep_arrays,
-    sweep_cells,
-)
+from ogm_mcmc.sampling.cell_gibbs import draw_cells, first_hits
+from ogm_mcmc.sampling.gibbs_kernels import add_occupied, find_first_hits, sweep_cells
 from ogm_mcmc.sampling.ray_index_kernels import NOTHING
 from ogm_mcmc.sampling.ray_line_kernels import SHAPE, START, first_place
 
@@ -47,7 +43,7 @@ def test_conditional_equals_enumerated_joint_for_every_map_and_cell(problem):
         state = model.start(as_cells(number, places, model.n_cells))
         for b, cell in enumerate(places):
             expected = log_joint[number | 1 << b] - log_joint[number & ~(1 << b)]
-            found = conditional_log_odds(cell, *state, model.index, model.prior_log_odds)
+            found = conditional_log_odds(cell, state, model.index, model.prior_log_odds)
             assert found == approx(expected, abs=1e-4, rel=1e-5)
 
 
@@ -88,18 +84,16 @@ def test_kept_first_hits_equal_a_rescan_after_any_flips(problem, seed):
     _, _, model, _ = prepared(problem)
     rng = np.random.default_rng(seed)
     state = model.start(np.ones(model.n_cells, np.uint8))
-    again = np.empty_like(state.records)
     flips = 0
     for _ in range(12):
         ceiling = np.full(model.n_cells, 2.0, np.float32)
         log_odds = rng.uniform(-4.0, 4.0)
         order = rng.permutation(model.touched)
         before = state.cells.copy()
-        flipped = sweep_cells(rng, order, *state, model.index, ceiling, log_odds)
+        flipped = draw_cells(rng, order, state, model.index, ceiling, log_odds)
         assert flipped == np.count_nonzero(before != state.cells)
         flips += flipped
-        find_first_hits(state.cells, model.index, again)
-        assert np.array_equal(state.records, again)
+        assert np.array_equal(state.records, first_hits(state.cells, model.index))
     assert flips > 0
 
 
@@ -138,4 +132,3 @@ def test_one_specialization_of_each_kernel(problem):
         model.advance(rng, state)
     for kernel in (sweep_cells, find_first_hits):
         assert len(kernel.signatures) == 1, (kernel.__name__, kernel.signatures)
-    assert len(sweep_arrays.signatures) <= 1

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from support import naive_patch_sampler as naive
+from support.conditionals import conditional_log_odds
 from support.local_tiles import tiled
 from support.strategies import fan
 
@@ -14,7 +15,7 @@ from ogm_mcmc.errors import GridError, WindowError
 from ogm_mcmc.geometry import CellBox, GridSpec, PlacedScan, Pose2D
 from ogm_mcmc.lab.exact import enumerate_maps
 from ogm_mcmc.sampling import CellModel, PosteriorSampler, RayWindow
-from ogm_mcmc.sampling.gibbs_kernels import conditional_log_odds, sweep_cells
+from ogm_mcmc.sampling.cell_gibbs import draw_cells
 from ogm_mcmc.sampling.patch_gibbs import PatchModel
 from ogm_mcmc.sampling.patch_prior import make_table
 from ogm_mcmc.sampling.tiles import MapTile, colours, tiling_of
@@ -119,8 +120,8 @@ def test_conditionals_are_those_of_the_whole(scans, window, columns, rows, side)
             records = sampler.first_hits(cells, model.summaries.outside(number, state.records))
             within, there = inside(window.spec, whole.touched, tile.box)
             for cell, mine in zip(whole.touched[within], there[within], strict=True):
-                expected = conditional_log_odds(int(cell), *same, window.index, PRIOR)
-                found = conditional_log_odds(int(mine), cells, records, local, PRIOR)
+                expected = conditional_log_odds(cell, same, window.index, PRIOR)
+                found = conditional_log_odds(mine, (cells, records), local, PRIOR)
                 assert found == pytest.approx(expected, abs=2e-4)
                 compared += 1
     assert compared > 400
@@ -138,9 +139,8 @@ def test_a_tile_draws_what_the_whole_would(scans, window):
             job = model._job(state, number, turn, None, model._masks[number], PRIOR)
             mine = whole.touched[inside(window.spec, whole.touched, tile.box)[0]]
             flips += model._do(state, {number: job})
-            sweep_cells(
-                np.random.default_rng(turn), mine, *same, window.index, whole.ceiling, PRIOR
-            )
+            rng = np.random.default_rng(turn)
+            draw_cells(rng, mine, same, window.index, whole.ceiling, PRIOR)
             assert np.array_equal(state.cells, same.cells)
     assert flips > 20
     assert np.array_equal(model.start(state.cells).records, state.records, equal_nan=True)
@@ -200,9 +200,7 @@ def matrix_of_tile(model, tiles, number, touched):
             mine = np.ascontiguousarray(place_in_boxes(spec, tile, state.cells))
             sampler = tiles.samplers[number]
             records = sampler.first_hits(mine, model.summaries.outside(number, state.records))
-            log_odds = conditional_log_odds(
-                int(there[bit]), mine, records, sampler.rays.local, PRIOR
-            )
+            log_odds = conditional_log_odds(there[bit], (mine, records), sampler.rays.local, PRIOR)
             occupied = 1.0 / (1.0 + math.exp(-log_odds))
             step[at, at & ~(1 << bit)] += 1.0 - occupied
             step[at, at | (1 << bit)] += occupied

@@ -9,6 +9,7 @@ import numpy as np
 from ogm_mcmc.arrays import AnyArray, Float64Array
 from ogm_mcmc.errors import WindowError
 from ogm_mcmc.lab.exact.enumeration_kernels import fill_log_joint
+from ogm_mcmc.sampling.cell_gibbs import first_hits
 from ogm_mcmc.sampling.ray_index import RayIndex
 
 __all__ = ['MAX_CELLS', 'Enumeration', 'enumerate_maps']
@@ -45,7 +46,10 @@ def enumerate_maps(index: RayIndex, prior_log_odds: float) -> Enumeration:
             f'{touched.size} cells to enumerate: expected at most {MAX_CELLS} (2^24 maps)'
         )
     log_joint = np.empty(2**touched.size)
-    fill_log_joint(touched, index, prior_log_odds, log_joint)
+    cells = np.zeros(index.n_cells, np.uint8)
+    records = first_hits(cells, index)
+    bits = records.view(np.float32)
+    fill_log_joint(touched, prior_log_odds, log_joint, cells, records, bits, *index.arrays())
     log_joint -= touched.size * np.logaddexp(0.0, prior_log_odds)  # log of (1 - prior) per cell
     highest = log_joint.max()
     weight = np.exp(log_joint - highest)

@@ -3,22 +3,20 @@
 import numpy as np
 from numba import njit
 
-from ogm_mcmc.sampling.gibbs_kernels import find_first_hits, redirect_rays
-from ogm_mcmc.sampling.ray_index_kernels import CELLS
+from ogm_mcmc.sampling.gibbs_kernels import redirect_rays
 
 
 @njit(cache=True, nogil=True)
-def fill_log_joint(touched, index, prior, log_joint):
+def fill_log_joint(
+    touched, prior, log_joint, cells, records, bits, marks, lists, full, gain, near, near_bits,
+    front, tiles, runs, run_lengths, rays, ray_bits, grid,
+):  # fmt: skip
     """Write log p(z | m) + prior * (occupied cells of m) for every map of the touched cells.
 
     log_joint  (2**C,) float64, output; bit b of its index is cell touched[b]
+    cells, records, bits  those of the empty map; changed
     Maps come in the order of the Gray code, so each differs from the last in one cell.
     """
-    cells = np.zeros(index.grid[CELLS], np.uint8)
-    records = np.empty((index.rays.shape[0], 2), np.int32)
-    find_first_hits(cells, index, records)
-    bits, near_bits = records.view(np.float32), index.near.view(np.float32)
-    ray_bits = index.rays.view(np.float32)
     value = 0.0
     for n in range(records.shape[0]):
         value += np.float64(bits[n, 1])
@@ -32,9 +30,8 @@ def fill_log_joint(touched, index, prior, log_joint):
         cells[cell] = 1 - cells[cell]
         occupied += 1 if cells[cell] else -1
         redirect_rays(
-            cell, cells, records, bits, index.marks, index.lists, index.full, index.near,
-            near_bits, index.front, index.tiles, index.runs, index.run_lengths, index.rays,
-            ray_bits, index.grid,
+            cell, cells, records, bits, marks, lists, full, near, near_bits, front, tiles, runs,
+            run_lengths, rays, ray_bits, grid,
         )  # fmt: skip
         value = 0.0
         for n in range(records.shape[0]):
