@@ -11,7 +11,7 @@ takes longer than looking at the rays themselves (measured: four times the whole
 borrows them at its beginning (see `borrowed_arrays`).
 
 What is called once a cell is a function of its own, what is called once a ray is inlined, or
-sweeps are slower by 40 %: by LLVM (`forceinline`), after Numba has read and typed it once, not by
+sweeps are slower by 40 %: by LLVM (`inlined`), after Numba has read and typed it once, not by
 Numba itself (`inline='always'`), which does so for every place it is called from. That and no
 wrappers for C callbacks (`no_cfunc_wrapper`) brought the time to compile all kernels of a sampler
 from 24.2 to 16.0 s of the processor; borrowing in every function made sweeps 14 % faster
@@ -21,9 +21,9 @@ from 24.2 to 16.0 s of the processor; borrowing in every function made sweeps 14
 import math
 
 import numpy as np
-from numba import njit
 
 from ogm_mcmc.sampling.borrowed_arrays import borrowed
+from ogm_mcmc.sampling.kernel_options import kernel
 from ogm_mcmc.sampling.ray_index_kernels import (
     FRONT,
     NEAR,
@@ -55,7 +55,7 @@ FROM_NEAR, FROM_FRONT, FROM_TILE = range(3)
 SLACK = 1e-5
 
 
-@njit(cache=True, nogil=True, no_cfunc_wrapper=True)
+@kernel
 def find_first_hits(
     cells, records, bits, marks, lists, full, gain, near, near_bits, front, tiles, runs,
     run_lengths, rays, ray_bits, grid,
@@ -83,7 +83,7 @@ def find_first_hits(
         bits[ray, 1] = value
 
 
-@njit(cache=True, nogil=True, no_cfunc_wrapper=True)
+@kernel
 def log_odds_unless_below(
     threshold, prior, cell, cells, records, bits, marks, lists, full, gain, near, near_bits,
     front, tiles, runs, run_lengths, rays, ray_bits, grid,
@@ -160,7 +160,7 @@ def log_odds_unless_below(
     return log_odds
 
 
-@njit(cache=True, nogil=True, no_cfunc_wrapper=True)
+@kernel
 def redirect_rays(
     cell, cells, records, bits, marks, lists, full, near, near_bits, front, tiles, runs,
     run_lengths, rays, ray_bits, grid,
@@ -225,7 +225,7 @@ def redirect_rays(
             bits[code >> 2, 1] = now
 
 
-@njit(cache=True, nogil=True, no_cfunc_wrapper=True)
+@kernel
 def sweep_cells(
     rng, order, cells, records, bits, ceiling, prior, marks, lists, full, gain, near, near_bits,
     front, tiles, runs, run_lengths, rays, ray_bits, grid,
@@ -267,7 +267,7 @@ def sweep_cells(
     return flips
 
 
-@njit(cache=True, nogil=True, no_cfunc_wrapper=True)
+@kernel
 def add_occupied(cells, touched, counts):
     """Count the occupied among the touched cells: counts (C,) uint32."""
     for j in range(touched.size):

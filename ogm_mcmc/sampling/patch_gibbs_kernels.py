@@ -9,7 +9,6 @@ Patterns and borders are numbers as `ogm_mcmc.sampling.patch_patterns` has them.
 import math
 
 import numpy as np
-from numba import njit
 
 from ogm_mcmc.sampling.borrowed_arrays import borrowed
 from ogm_mcmc.sampling.gibbs_kernels import (
@@ -17,6 +16,7 @@ from ogm_mcmc.sampling.gibbs_kernels import (
     log_odds_unless_below,
     redirect_rays,
 )
+from ogm_mcmc.sampling.kernel_options import inlined, kernel
 from ogm_mcmc.sampling.ray_index_kernels import (
     FRONT,
     MOST_IN_TILE,
@@ -43,7 +43,7 @@ AT, LAST, CODE, PLACE, SOURCE = range(5)
 NEGLIGIBLE = -45.0
 
 
-@njit(cache=True, nogil=True, no_cfunc_wrapper=True, forceinline=True)
+@inlined
 def read_pattern(cells, corner, offsets):
     """Return the cells at `corner + offsets` as a number, the first its lowest bit."""
     pattern = np.int64(0)
@@ -52,7 +52,7 @@ def read_pattern(cells, corner, offsets):
     return pattern
 
 
-@njit(cache=True, nogil=True, no_cfunc_wrapper=True, forceinline=True)
+@inlined
 def place_in(candidates, first, last, pattern):
     """Return where a pattern stands among the listed ones, -1 if it does not."""
     place = -1
@@ -63,7 +63,7 @@ def place_in(candidates, first, last, pattern):
     return place
 
 
-@njit(cache=True, nogil=True, no_cfunc_wrapper=True)
+@kernel
 def scratch(side, most, most_in_tile):
     """Return memory to draw among `most` options in, made once.
 
@@ -78,7 +78,7 @@ def scratch(side, most, most_in_tile):
     )
 
 
-@njit(cache=True, nogil=True, no_cfunc_wrapper=True)
+@kernel
 def mark_options(options, n_options, n_cells, occupying):
     """Fill `occupying`: by cell of the patch, the options that occupy it as bits of words."""
     for i in range(n_cells):
@@ -89,7 +89,7 @@ def mark_options(options, n_options, n_cells, occupying):
             occupying[i, word] = together
 
 
-@njit(cache=True, nogil=True, no_cfunc_wrapper=True, forceinline=True)
+@inlined
 def next_code(source, at, last, place, near, front, found):
     """Return the code of the ray at a place of one source, NO_RAY at its end."""
     code = NO_RAY
@@ -103,7 +103,7 @@ def next_code(source, at, last, place, near, front, found):
     return code
 
 
-@njit(cache=True, nogil=True, no_cfunc_wrapper=True)
+@kernel
 def fill_heads(
     heads, found, corner, side, marks, lists, full, near, front, tiles, runs, run_lengths, rays,
     grid,
@@ -139,7 +139,7 @@ def fill_heads(
     return count
 
 
-@njit(cache=True, nogil=True, no_cfunc_wrapper=True)
+@kernel
 def add_likelihoods(
     options, scores, n_options, occupying, heads, met, found, corner, side, cells, records, bits,
     marks, lists, full, near, near_bits, front, tiles, runs, run_lengths, rays, ray_bits, grid,
@@ -224,7 +224,7 @@ def add_likelihoods(
                     option += 1
 
 
-@njit(cache=True, nogil=True, no_cfunc_wrapper=True)
+@kernel
 def draw_index(rng, log_weights, count, weights):
     """Draw from the first `count` of some log-weights; `weights` holds what they are."""
     highest = log_weights[0]
@@ -245,7 +245,7 @@ def draw_index(rng, log_weights, count, weights):
     return drawn
 
 
-@njit(cache=True, nogil=True, no_cfunc_wrapper=True)
+@kernel
 def sweep_patches(
     rng, corners, side, inner, ring, escape, random_share, flip_cells, entry_of_border, start,
     candidates, log_probability, floor, cells, records, bits, marks, lists, full, gain, near,

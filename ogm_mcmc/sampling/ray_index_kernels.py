@@ -5,8 +5,8 @@ Inner functions take plain arrays, those of `RayIndex.arrays()`, in that order; 
 """
 
 import numpy as np
-from numba import njit
 
+from ogm_mcmc.sampling.kernel_options import inlined, kernel
 from ogm_mcmc.sampling.ray_line_kernels import (
     BORDER,
     LEVEL,
@@ -42,7 +42,7 @@ EVERY_BYTE = np.uint64(0x0101010101010101)
 TOP_BYTE = np.uint64(56)
 
 
-@njit(cache=True, nogil=True, no_cfunc_wrapper=True, forceinline=True)
+@inlined
 def list_of(cell, marks):
     """Return the number of a cell's list, -1 if it has none."""
     word, before = marks[cell >> 6, 0], marks[cell >> 6, 1]
@@ -57,14 +57,14 @@ def list_of(cell, marks):
     return number
 
 
-@njit(cache=True, nogil=True, no_cfunc_wrapper=True, forceinline=True)
+@inlined
 def tile_of(column, row, grid):
     """Return the number of the tile a cell lies in."""
     across = (column + grid[TILE_X]) >> TILE_BITS
     return ((row + grid[TILE_Y]) >> TILE_BITS) * grid[TILE_COLUMNS] + across
 
 
-@njit(cache=True, nogil=True, no_cfunc_wrapper=True, forceinline=True)
+@inlined
 def likelihood_there(code, cell, place, marks, lists, near, near_bits, rays, ray_bits):
     """Log p(z | a cell that the ray crosses, at that place, is its first hit)."""
     ray = code >> 2
@@ -82,7 +82,7 @@ def likelihood_there(code, cell, place, marks, lists, near, near_bits, rays, ray
     return value
 
 
-@njit(cache=True, nogil=True, no_cfunc_wrapper=True, forceinline=True)
+@inlined
 def hit_behind(
     code, column, row, cells, marks, lists, near, near_bits, rays, ray_bits, grid
 ):  # fmt: skip
@@ -100,7 +100,7 @@ def hit_behind(
     return place, value
 
 
-@njit(cache=True, nogil=True, no_cfunc_wrapper=True, forceinline=True)
+@inlined
 def reaches_in_front(ray, column, row, rays):
     """Whether a ray crosses a cell where its likelihood is level."""
     start, shape = rays[ray, START], rays[ray, SHAPE]
@@ -110,7 +110,7 @@ def reaches_in_front(ray, column, row, rays):
     return there
 
 
-@njit(cache=True, nogil=True, no_cfunc_wrapper=True)
+@kernel
 def find_front(column, row, tiles, runs, run_lengths, rays, grid, found):
     """Fill `found` with the codes of the rays that cross a cell in front; return how many.
 

@@ -16,7 +16,6 @@ lowest bits, its direction.
 """
 
 import numpy as np
-from numba import njit
 
 from ogm_mcmc.geometry.traversal_kernels import (
     END,
@@ -28,6 +27,7 @@ from ogm_mcmc.geometry.traversal_kernels import (
     STEP,
 )
 from ogm_mcmc.geometry.traversal_kernels import RIGHTWARDS as PLAN_RIGHTWARDS
+from ogm_mcmc.sampling.kernel_options import inlined, kernel
 
 # Words of a ray; the last two are float32.
 BORDER, SLOPE, START, SHAPE = range(4)
@@ -41,7 +41,7 @@ LOW_32 = np.int64(0xFFFFFFFF)
 LOW_16 = np.int64(0xFFFF)
 
 
-@njit(cache=True, nogil=True, no_cfunc_wrapper=True)
+@kernel
 def lay_ray(plan, downwards, ray):
     """Write BORDER, SLOPE, START and SHAPE of a ray (5,) from a planned segment.
 
@@ -68,32 +68,32 @@ def lay_ray(plan, downwards, ray):
     ray[SHAPE] = rows | (columns << 16) | (flags << 48)
 
 
-@njit(cache=True, nogil=True, no_cfunc_wrapper=True)
+@kernel
 def place_of(code, column, row):
     """Place of a cell on the rays of a direction."""
     across = column if code & RIGHTWARDS else -column
     return np.int32(across + row if code & UPWARDS else across - row)
 
 
-@njit(cache=True, nogil=True, no_cfunc_wrapper=True)
+@kernel
 def first_place(start, shape):
     """Place of a ray's first cell."""
     return place_of(shape >> 48, start & LOW_32, start >> 32)
 
 
-@njit(cache=True, nogil=True, no_cfunc_wrapper=True)
+@kernel
 def near_place(start, shape):
     """Place from which on a ray's likelihood is not level."""
     return first_place(start, shape) + ((shape >> 32) & LOW_16)
 
 
-@njit(cache=True, nogil=True, no_cfunc_wrapper=True)
+@kernel
 def places_of(shape):
     """Return how many places a ray has."""
     return (shape & LOW_16) + ((shape >> 16) & LOW_16) + 1
 
 
-@njit(cache=True, nogil=True, no_cfunc_wrapper=True)
+@kernel
 def row_of_ray(border, slope, start, shape, row):
     """Return (begins, ends, next border): the columns of a ray in a row it crosses, in order.
 
@@ -113,7 +113,7 @@ def row_of_ray(border, slope, start, shape, row):
     return begins, ends, behind
 
 
-@njit(cache=True, nogil=True, no_cfunc_wrapper=True)
+@kernel
 def crosses(border, slope, start, shape, column, row):
     """Whether a ray crosses a cell."""
     flags = shape >> 48
@@ -126,7 +126,7 @@ def crosses(border, slope, start, shape, column, row):
     return ends <= column <= begins
 
 
-@njit(cache=True, nogil=True, no_cfunc_wrapper=True, forceinline=True)
+@inlined
 def next_occupied(border, slope, start, shape, column, row, width, cells):
     """Return (cell, place) of the first occupied cell of a ray behind one it crosses, or -1."""
     flags = shape >> 48
@@ -160,7 +160,7 @@ def next_occupied(border, slope, start, shape, column, row, width, cells):
     return found, place_of(flags, column, row)
 
 
-@njit(cache=True, nogil=True, no_cfunc_wrapper=True)
+@kernel
 def cells_of_ray(ray, columns, rows):
     """List the cells a ray (5,) crosses in order; return their number.
 
