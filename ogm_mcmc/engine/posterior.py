@@ -7,15 +7,20 @@ from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+
+from ogm_mcmc.arrays import AnyArray, BoolArray
 from ogm_mcmc.config import PatchConfig, PatchTableConfig, SamplerConfig
 from ogm_mcmc.engine.prior_files import Prior, default_prior_file, load_prior
+from ogm_mcmc.engine.warp import laid_on
 from ogm_mcmc.errors import PriorError
 from ogm_mcmc.files.user_paths import user_path
+from ogm_mcmc.geometry import GridSpec
 from ogm_mcmc.sampling import CellModel, PosteriorModel, RayWindow
 from ogm_mcmc.sampling.patch_gibbs import PatchModel
 from ogm_mcmc.sampling.patch_prior import PatchTable, make_table
 
-__all__ = ['PatchPrior', 'patch_prior', 'posterior_model']
+__all__ = ['Grown', 'PatchPrior', 'patch_prior', 'posterior_model']
 
 
 class PatchPrior(NamedTuple):
@@ -26,6 +31,20 @@ class PatchPrior(NamedTuple):
 
     table: PatchTable | None
     occupied: float
+
+
+class Grown(NamedTuple):
+    """The model of a window to which rays were added: what it knows need not be found again."""
+
+    model: PosteriorModel
+    spec: GridSpec
+
+    def known(self, spec: GridSpec) -> tuple[BoolArray, AnyArray] | None:
+        """Return what a `PatchModel` of the window as it is now need not find again."""
+        if not isinstance(self.model, PatchModel):
+            return None
+        told = laid_on(self.model.told.view(np.uint8), self.spec, spec, 0)
+        return told.view(np.bool_), self.model.telling
 
 
 def patch_prior(config: SamplerConfig, trimming: PatchTableConfig | None = None) -> PatchPrior:
@@ -43,11 +62,12 @@ def posterior_model(
     table: PatchTable | None,
     *,
     everywhere: bool = False,
+    grown_from: Grown | None = None,
 ) -> PosteriorModel:
     """Return the posterior of the rays of a window, single cells where there is no `table`.
 
     With `everywhere` patches are drawn on all of the window, as the papers do; without it only
-    where readings can tell something.
+    where readings can tell something. `grown_from`: see there.
     """
     chain, patch, width = config.chain, config.patch, window.spec.width
     if table is None:
@@ -61,6 +81,7 @@ def posterior_model(
         random_share=patch.random_share,
         margin=None if everywhere else patch.margin,
         flip_cells=not everywhere and patch.random_share == 0.0,
+        known=None if grown_from is None else grown_from.known(window.spec),
     )
 
 

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ogm_mcmc.arrays import Float32Array
+from ogm_mcmc.arrays import Float32Array, UInt8Array
 from ogm_mcmc.config import (
     SamplerConfig,
     StopConfig,
@@ -27,13 +27,13 @@ from ogm_mcmc.config import (
 )
 from ogm_mcmc.engine.live_map import cells_on, check_lattice, live_map
 from ogm_mcmc.engine.no_returns import NoReturnChoice, NoReturns, no_return_of
-from ogm_mcmc.engine.posterior import patch_prior, posterior_model
+from ogm_mcmc.engine.posterior import Grown, patch_prior, posterior_model
 from ogm_mcmc.engine.recording import Recording, fingerprint
 from ogm_mcmc.engine.sensor_fit import SensorNumbers, fit_sensor
-from ogm_mcmc.engine.warp import cells_before, warped
+from ogm_mcmc.engine.warp import cells_before, laid_on, warped
 from ogm_mcmc.errors import ConfigError, WindowError
 from ogm_mcmc.files.output_files import replacing
-from ogm_mcmc.geometry import GridMap, PlacedScan, Pose2D, Scan
+from ogm_mcmc.geometry import GridMap, GridSpec, PlacedScan, Pose2D, Scan
 from ogm_mcmc.sampling import (
     ChainQuality,
     PosteriorModel,
@@ -135,19 +135,18 @@ class Refinement:
         extends = 0 < known <= len(scans) and all(
             old is new for old, new in zip(self._taken, scans[:known], strict=True)
         )
-        warm = self._present_maps()
-        held = self.no_return, self.model, self.sensor
+        old, held = self.window.spec, (self.no_return, self.model, self.sensor)
         try:
             window = self._indexed(scans, known if extends else 0)
         except Exception:
             self.no_return, self.model, self.sensor = held
             raise
-        if warm and not extends:
-            before = cells_before(self.window.spec, window.spec, self._taken, scans)
-            if before is not None:
-                warm = [warped(grid, before, window.spec) for grid in warm]
+        warm = [] if start is not None else self._present_maps(old, window.spec, scans, extends)
+        grown = None
+        if extends and self.sampler is not None:
+            grown = Grown(self.sampler.model, old)
         self.window, self._taken = window, list(scans)
-        self._begin(start, warm)
+        self._begin(start, warm, grown)
         return self.size.n_rays
 
     def _indexed(self, scans: Sequence[PlacedScan], known: int) -> RayWindow:
@@ -172,8 +171,8 @@ class Refinement:
         index = self.window.index
         return IndexSize(index.n_rays, index.n_pairs, index.n_bytes)
 
-    def _posterior(self) -> PosteriorModel:
-        return posterior_model(self.config, self.window, self._table)
+    def _posterior(self, grown: Grown | None) -> PosteriorModel:
+        return posterior_model(self.config, self.window, self._table, grown_from=grown)
 
     def _decided(self) -> SamplerConfig:
         """Return the settings with what no return was found to mean."""
@@ -184,14 +183,14 @@ class Refinement:
         config = self._decided()
         return RayWindow(config.window, self.model, margin=config.patch.window_margin)
 
-    def _begin(self, start: GridMap | None, warm: list[GridMap]) -> None:
+    def _begin(self, start: GridMap | None, warm: list[UInt8Array], grown: Grown | None) -> None:
         chain, spec = self.config.chain, self.window.spec
-        model = self._posterior()
+        model = self._posterior(grown)
         threshold = chain.start_threshold
         if start is not None:
             starts = [cells_on(spec, start, threshold, chain.prior)] * chain.chains
         elif warm:
-            starts = [cells_on(spec, grid, 0.5, chain.prior) for grid in warm]
+            starts = warm
         else:
             live = live_map(self._taken, self._decided().window)
             starts = over_dispersed_starts(
@@ -211,14 +210,17 @@ class Refinement:
             sampler.rngs = self.sampler.rngs
         self.sampler, self.quality, self._summary = sampler, None, None
 
-    def _present_maps(self) -> list[GridMap]:
+    def _present_maps(
+        self, old: GridSpec, new: GridSpec, scans: Sequence[PlacedScan], extends: bool
+    ) -> list[UInt8Array]:
+        """Return the maps (K,) of the chains, none without, where their cells are now."""
         if self.sampler is None:
             return []
-        spec = self.window.spec
-        return [
-            GridMap(spec, state.cells.reshape(spec.height, spec.width).astype(np.float32))
-            for state in self.sampler.states
-        ]
+        before = None if extends else cells_before(old, new, self._taken, scans)
+        elsewhere = int(self.config.chain.prior >= 0.5)
+        if before is None:
+            return [laid_on(state.cells, old, new, elsewhere) for state in self.sampler.states]
+        return [warped(state.cells, before, elsewhere) for state in self.sampler.states]
 
     # -- sampling ---------------------------------------------------------------------------
 

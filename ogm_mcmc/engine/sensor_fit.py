@@ -31,7 +31,7 @@ import numpy as np
 
 from ogm_mcmc.arrays import AnyArray, BoolArray, Int64Array
 from ogm_mcmc.config import ForwardModelConfig, MapperConfig, SamplerConfig
-from ogm_mcmc.geometry import PlacedScan, cast_rays
+from ogm_mcmc.geometry import CellBox, PlacedScan, Rays, cast_rays
 from ogm_mcmc.mapping.counting import CountingMapper
 
 __all__ = ['SensorNumbers', 'Share', 'fit_sensor']
@@ -103,25 +103,29 @@ def fit_sensor(
             no_return=window.no_return,
         )
     )
-    for placed in scans:
-        mapper.update(placed)
-    spec = mapper.grid.spec
-    hits, misses = (counts.astype(np.int64) for counts in mapper.counts(spec.box))
+    cast = [
+        cast_rays(
+            placed.scan, placed.pose, mapper.spec,
+            max_range_m=window.max_range, no_return_clears=clears,
+        )
+        for placed in scans
+    ]  # fmt: skip
+    cast = [rays for rays in cast if rays.n_rays]
+    _cover(mapper, cast)
+    for rays in cast:
+        mapper.update_by(rays)
+    # Beams reach further than anything that they met, and most of what lies there is of no use.
+    box = _box_of_hits(mapper)
+    hits, misses = (counts.astype(np.int64) for counts in mapper.counts(box))
     reach = math.ceil(2.0 * given.sigma / window.resolution)
     beside = _sum_around(hits, reach)
     solid = (hits >= ENDED) & (hits >= ENDED_PER_PASSED * misses)
     confirmed = contradicted = met_solid = lost = without = 0
     every = max(1, sum(int(np.isinf(scan.scan.ranges_m).sum()) for scan in scans) // MOST_MISSING)
-    for placed in scans:
-        rays = cast_rays(
-            placed.scan, placed.pose, spec,
-            max_range_m=window.max_range, no_return_clears=clears,
-        )  # fmt: skip
-        if rays.n_rays == 0:
-            continue
+    for rays in cast:
         ended = rays.hit[: rays.n_rays] == 1
         ends = rays.ends[:, : rays.n_rays]
-        corner = rays.column - spec.column0, rays.row - spec.row0
+        corner = rays.column - box.column0, rays.row - box.row0
         column, row = (
             np.floor(ends[axis, ended]).astype(np.int64) + corner[axis] for axis in (0, 1)
         )
@@ -131,10 +135,11 @@ def fit_sensor(
         contradicted += int(np.count_nonzero(against))
         confirmed += int(np.count_nonzero((others > 0) & ~against))
         met_solid += int(np.count_nonzero(solid[row, column]))
-        for n in np.flatnonzero(~ended):
-            without += 1
-            if without % every == 0:
-                lost += every * _meets(solid, corner, (rays.x, rays.y), ends[:, n])
+        unseen = np.flatnonzero(~ended)
+        looked_at = unseen[(without + 1 + np.arange(unseen.size)) % every == 0]
+        without += unseen.size
+        met = _meets(solid, corner, (rays.x, rays.y), ends[:, looked_at])
+        lost += every * int(np.count_nonzero(met))
     clutter = Share.of(contradicted, confirmed + contradicted)
     missing = Share.of(lost, met_solid + lost) if clears else None
     model = replace(
@@ -156,13 +161,46 @@ def _sum_around(counts: Int64Array, reach: int) -> Int64Array:
     return counts
 
 
+def _cover(mapper: CountingMapper, cast: Sequence[Rays]) -> None:
+    """Make room for all rays at once: a map that grows is copied again and again."""
+    box = CellBox(0, 0, 0, 0)
+    for rays in cast:
+        box = box.union(rays.box)
+    if not box.empty:
+        mapper.grid.cover(box)
+
+
+def _box_of_hits(mapper: CountingMapper) -> CellBox:
+    """Return the cells around all that were hit, one cell where none was."""
+    spec = mapper.spec
+    hits, _ = mapper.counts(spec.box)
+    rows, columns = (np.flatnonzero(hits.any(axis=axis)) for axis in (1, 0))
+    if rows.size == 0:
+        return CellBox(spec.column0, spec.row0, spec.column0 + 1, spec.row0 + 1)
+    first, last = (int(columns[0]), int(rows[0])), (int(columns[-1]), int(rows[-1]))
+    return CellBox(
+        spec.column0 + first[0],
+        spec.row0 + first[1],
+        spec.column0 + last[0] + 1,
+        spec.row0 + last[1] + 1,
+    )
+
+
 def _meets(
-    solid: BoolArray, corner: tuple[int, int], start: tuple[float, float], end: AnyArray
-) -> bool:
-    """Whether a ray, in cells from a corner, passes a solid cell before its end."""
-    dx, dy = end[0] - start[0], end[1] - start[1]
-    length = max(math.hypot(dx, dy), 1e-9)
-    share = np.arange(0.25, max(length - END_CELLS, 0.5), 0.5) / length
-    column = np.floor(start[0] + share * dx).astype(np.int64) + corner[0]
-    row = np.floor(start[1] + share * dy).astype(np.int64) + corner[1]
-    return bool(solid[row, column].any())
+    solid: BoolArray, corner: tuple[int, int], start: tuple[float, float], ends: AnyArray
+) -> BoolArray:
+    """Whether rays, in cells from a corner to `ends` (2, N), pass a solid cell before it."""
+    if not ends.size:
+        return np.zeros(ends.shape[1], np.bool_)
+    dx, dy = ends[0] - start[0], ends[1] - start[1]
+    length = np.maximum(np.hypot(dx, dy), 1e-9)
+    up_to = np.maximum(length - END_CELLS, 0.5)
+    along = np.arange(0.25, up_to.max(), 0.5)
+    share = along / length[:, None]
+    column = np.floor(start[0] + share * dx[:, None]).astype(np.int64) + corner[0]
+    row = np.floor(start[1] + share * dy[:, None]).astype(np.int64) + corner[1]
+    height, width = solid.shape
+    there = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+    there &= along < up_to[:, None]
+    met: BoolArray = (there & solid[np.where(there, row, 0), np.where(there, column, 0)]).any(1)
+    return met

@@ -8,7 +8,7 @@ from functools import partial
 from typing import NamedTuple, Protocol
 
 from ogm_mcmc.config import SamplerConfig
-from ogm_mcmc.engine.posterior import patch_prior
+from ogm_mcmc.engine.posterior import Grown, patch_prior
 from ogm_mcmc.engine.refinement import IndexSize, Refinement
 from ogm_mcmc.errors import ConfigError, WindowError
 from ogm_mcmc.geometry import PlacedScan
@@ -97,5 +97,5 @@ class TiledRefinement(Refinement):
             raise WindowError('no scan was taken: nothing to sample')
         return self._model
 
-    def _posterior(self) -> PosteriorModel:
+    def _posterior(self, grown: Grown | None) -> PosteriorModel:
         return self.tiled

@@ -6,7 +6,7 @@ import numpy as np
 
 from ogm_mcmc.arrays import Float32Array, UInt32Array
 from ogm_mcmc.config import MapperConfig
-from ogm_mcmc.geometry import CellBox, GridSpec, PlacedScan, cast_rays
+from ogm_mcmc.geometry import CellBox, GridSpec, PlacedScan, Rays, cast_rays
 from ogm_mcmc.mapping.counting_kernels import count_per_beam, count_per_scan
 from ogm_mcmc.mapping.log_odds_grid import CountGrid
 
@@ -37,14 +37,18 @@ class CountingMapper:
 
     def update(self, placed: PlacedScan) -> CellBox:
         """Add one scan; see `MappingMethod.update`."""
-        grid = self.grid
         rays = cast_rays(
             placed.scan,
             placed.pose,
-            grid.spec,
+            self.spec,
             max_range_m=self.config.max_range,
             no_return_clears=self.config.no_return == 'clear',
         )
+        return self.update_by(rays)
+
+    def update_by(self, rays: Rays) -> CellBox:
+        """Add the rays of one scan; see `MappingMethod.update`."""
+        grid = self.grid
         if rays.n_rays == 0:
             return CellBox(0, 0, 0, 0)
         grid.cover(rays.box)

@@ -185,7 +185,15 @@ def highest_probability(index: RayIndex, prior_log_odds: float) -> Float32Array:
 
     p <= sigmoid(prior + the most its rays can add), rounded upwards.
     """
-    log_odds = prior_log_odds + index.gains().astype(np.float64) * (1.0 + 1e-6) + 1e-5
-    with np.errstate(over='ignore'):
-        ceiling = 1.0 / (1.0 + np.exp(-log_odds))
-    return (ceiling * (1.0 + 1e-6)).astype(np.float32)
+
+    def bound(gain: AnyArray) -> Float32Array:
+        log_odds = prior_log_odds + gain.astype(np.float64) * (1.0 + 1e-6) + 1e-5
+        with np.errstate(over='ignore'):
+            ceiling = 1.0 / (1.0 + np.exp(-log_odds))
+        highest: Float32Array = (ceiling * (1.0 + 1e-6)).astype(np.float32)
+        return highest
+
+    # Most cells have no list: one number serves them all.
+    ceiling = np.full(index.n_cells, bound(np.zeros(1))[0], np.float32)
+    ceiling[index.listed()] = bound(index.gain)
+    return ceiling

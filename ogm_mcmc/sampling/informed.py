@@ -36,15 +36,19 @@ TELLING = 0.5
 """Nats: a ray tells something of a cell that makes a difference of more than this to it."""
 
 
-def telling_cells(index: RayIndex, least: float = TELLING) -> AnyArray:
+def telling_cells(
+    index: RayIndex, least: float = TELLING, known: AnyArray | None = None
+) -> AnyArray:
     """Return how many places of each ray (N,) int32, from its first on, it tells anything of.
 
     The others lie so far behind its reading that to end there is as good as not to end at all.
+    `known`: those of the first rays, which need not be looked at again.
     """
     telling = np.empty(index.n_rays, np.int32)
-    count_telling(
-        index.rays, index.lists, index.listed(), index.near, index.grid[WIDTH], least, telling
-    )
+    first_ray = 0 if known is None else known.size
+    telling[:first_ray] = known if known is not None else 0
+    lists = index.lists, index.listed(), index.near
+    count_telling(index.rays, *lists, index.grid[WIDTH], least, first_ray, telling)
     return telling
 
 

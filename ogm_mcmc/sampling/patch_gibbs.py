@@ -89,7 +89,7 @@ from ogm_mcmc.sampling.cell_gibbs import (
 from ogm_mcmc.sampling.informed import arrival, telling_cells
 from ogm_mcmc.sampling.patch_gibbs_kernels import sweep_patches
 from ogm_mcmc.sampling.patch_patterns import ring_cells
-from ogm_mcmc.sampling.patch_places import PatchPlaces, focused, patch_places, turn
+from ogm_mcmc.sampling.patch_places import PatchPlaces, focused, patch_places, told_cells, turn
 from ogm_mcmc.sampling.patch_prior import PatchTable
 from ogm_mcmc.sampling.ray_index import RayIndex
 
@@ -109,6 +109,7 @@ class PatchModel:
     One sweep draws K / L patches: `tiled`, side by side from a random offset, so that every cell
     comes once; `random`, anywhere, as [patch] has it. With a `margin` only cells within it of what
     a ray tells of are sampled, the others are solid (see `ogm_mcmc.sampling.patch_places`).
+    `known`: the cells (K,) that the first rays tell of, and of how many places each of them does.
     """
 
     def __init__(
@@ -122,6 +123,7 @@ class PatchModel:
         random_share: float = 0.0,
         margin: int | None = None,
         flip_cells: bool = False,
+        known: tuple[BoolArray, AnyArray] | None = None,
     ) -> None:
         require(order in PATCH_ORDERS, 'order', order, f'one of {", ".join(PATCH_ORDERS)}')
         self.index, self.width, self.table = index, width, table
@@ -134,8 +136,14 @@ class PatchModel:
                 f'window of {width} x {self.height} cells: expected at least {side + 2} x '
                 f'{side + 2} for patches of {side} x {side} and their border'
             )
-        self.telling = telling_cells(index)
-        self._places = patch_places(index, self.telling, width, side, margin)
+        # A window that grows looks at its new rays only.
+        told, telling = known or (np.zeros(index.n_cells, np.bool_), None)
+        self.telling = telling_cells(index, known=telling)
+        self.told = told
+        if margin is not None:
+            n_known = 0 if telling is None else telling.size
+            self.told = told | told_cells(index, self.telling, n_known)
+        self._places = patch_places(index, self.told, width, side, margin)
         self.touched: AnyArray = self._places.touched
         if self.touched.size == 0:
             raise WindowError(

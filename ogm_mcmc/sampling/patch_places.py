@@ -27,7 +27,8 @@ sweep. With free surroundings instead, held-out beams are 0.011 nats less likely
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.random import Generator
@@ -36,7 +37,15 @@ from ogm_mcmc.arrays import AnyArray, BoolArray
 from ogm_mcmc.sampling.informed import arrival, near
 from ogm_mcmc.sampling.ray_index import RayIndex
 
-__all__ = ['DULL_TURNS', 'PatchPlaces', 'focused', 'patch_places', 'places_among', 'turn']
+__all__ = [
+    'DULL_TURNS',
+    'PatchPlaces',
+    'focused',
+    'patch_places',
+    'places_among',
+    'told_cells',
+    'turn',
+]
 
 DULL_TURNS = 8
 
@@ -51,26 +60,54 @@ class PatchPlaces(NamedTuple):
 
     touched: AnyArray
     corners: AnyArray
-    active: list[AnyArray]
-    dull: list[AnyArray]
+    active: Sequence[AnyArray]
+    dull: Sequence[AnyArray]
+
+
+class _Tilings(Sequence[AnyArray]):
+    """By offset, the corners of the chosen patches; each found when it is asked for."""
+
+    def __init__(self, corners: AnyArray, chosen: BoolArray, side: int) -> None:
+        self._corners, self._chosen, self._side = corners, chosen, side
+        self._found: dict[int, AnyArray] = {}
+
+    def __len__(self) -> int:
+        return self._side**2
+
+    def __getitem__(self, offset: Any) -> Any:
+        if offset not in range(len(self)):
+            raise IndexError(offset)
+        found = self._found.get(offset)
+        if found is None:
+            row, column = divmod(offset, self._side)
+            place = slice(row, None, self._side), slice(column, None, self._side)
+            found = self._found[offset] = self._corners[place][self._chosen[place]]
+        return found
+
+
+def told_cells(index: RayIndex, telling: AnyArray, first_ray: int = 0) -> BoolArray:
+    """Return which cells (K,) the rays from `first_ray` on tell of; `telling`: of all rays."""
+    nothing = np.zeros(index.n_cells, np.float32)
+    some = index._replace(rays=index.rays[first_ray:])
+    told: BoolArray = arrival(some, telling[first_ray:], nothing) > 0.0
+    return told
 
 
 def patch_places(
-    index: RayIndex, telling: AnyArray, width: int, side: int, margin: int | None
+    index: RayIndex, told: BoolArray, width: int, side: int, margin: int | None
 ) -> PatchPlaces:
     """Return all patches whose border lies in the window too.
 
-    With a `margin`, cells, only those that lie within it of cells a ray tells of; of these the
-    patches far in front of all readings are drawn more seldom.
+    With a `margin`, cells, only those that lie within it of cells (K,) that are `told` of; of
+    these the patches far in front of all readings are drawn more seldom.
     """
     shape = index.n_cells // width, width
     if margin is None:
         everything = np.ones(shape, np.bool_)
         return places_among(everything, ~everything, side)
-    nothing = np.zeros(index.n_cells, np.float32)
-    told = (arrival(index, telling, nothing) > 0.0).reshape(shape)
-    level = (index.gains() <= 0.0) & index.is_touched()
-    return places_among(near(told, margin), level.reshape(shape), side)
+    level = index.is_touched()
+    level[index.listed()[index.gain > 0.0]] = False
+    return places_among(near(told.reshape(shape), margin), level.reshape(shape), side)
 
 
 def places_among(wanted: BoolArray, level: BoolArray, side: int) -> PatchPlaces:
@@ -86,19 +123,11 @@ def places_among(wanted: BoolArray, level: BoolArray, side: int) -> PatchPlaces:
     for row in range(1, side + 1):
         for column in range(1, side + 1):
             sampled[row : row + len(corners), column : column + corners.shape[1]] |= inside
-    offsets = [(row, column) for row in range(side) for column in range(side)]
-
-    def tilings(chosen: BoolArray) -> list[AnyArray]:
-        return [
-            corners[row::side, column::side][chosen[row::side, column::side]]
-            for row, column in offsets
-        ]
-
     return PatchPlaces(
         np.flatnonzero(sampled).astype(np.int32),
         corners[inside],
-        tilings(inside & ~dull),
-        tilings(inside & dull),
+        _Tilings(corners, inside & ~dull, side),
+        _Tilings(corners, inside & dull, side),
     )
 
 
@@ -120,7 +149,7 @@ def focused(places: PatchPlaces, in_doubt: BoolArray, side: int) -> PatchPlaces:
 
 def turn(rng: Generator, places: PatchPlaces) -> AnyArray:
     """Return the patches (P,) int32 of one sweep, in turn: whatever the map is, these chances."""
-    offset = rng.integers(0, len(places.active))
+    offset = int(rng.integers(0, len(places.active)))
     active, dull = places.active[offset], places.dull[offset]
     if dull.size == 0:
         return active

@@ -111,7 +111,8 @@ class PosteriorSampler:
         self.burn_in = burn_in
         self.sweeps = 0
         self.rngs = np.random.default_rng(seed).spawn(len(starts))
-        self.states = [model.start(cells) for cells in starts]
+        with ThreadPoolExecutor(max(len(starts), 1)) as pool:
+            self.states = list(pool.map(model.start, starts))
         self.counts = [BatchCounts(model.touched.size) for _ in starts]
         self._focus: dict[int, tuple[int, Any]] = {}  # by chain, and when it was decided
 

@@ -178,6 +178,9 @@ class WindowSize(NamedTuple):
 # Rays that are cast at a time.
 BLOCK = 8_000
 
+# Rays that are cast once and held while they are filed, 72 bytes each; others are cast again.
+MOST_HELD = 200_000
+
 
 class RayWindow:
     """Recorded scans as an index of rays that can grow.
@@ -214,7 +217,7 @@ class RayWindow:
         passed; nothing has changed then.
         """
         scans = list(placed)
-        more = self.sum_of_sizes(scans)
+        more, held = self._sizes_and_rays(scans)
         if more.rays == 0:
             return 0
         size = self._size.with_more(more)
@@ -222,7 +225,7 @@ class RayWindow:
         self._check_memory(size._replace(box=spec.box))
 
         def beams() -> Iterator[BeamRays]:
-            for block in self._blocks(scans):
+            for block in self._blocks(scans, held):
                 yield block._replace(column=block.column - spec.column0, row=block.row - spec.row0)
 
         self.index = extended(self.index, self.spec, spec, beams, more.rays, self.model)
@@ -244,21 +247,29 @@ class RayWindow:
             rays = limited(rays, self.limits, self.config.resolution)
         return rays
 
-    def _blocks(self, scans: Sequence[PlacedScan]) -> Iterator[BeamRays]:
-        """Yield the rays of a few scans at a time: those of all take more than the index."""
+    def _blocks(self, scans: Sequence[PlacedScan], held: Sequence[BeamRays]) -> Iterator[BeamRays]:
+        """Yield the rays of a few scans at a time; `held` are those of the first ones."""
         parts: list[BeamRays] = []
         for i, scan in enumerate(scans):
-            parts.append(self._cast(scan))
+            parts.append(held[i] if i < len(held) else self._cast(scan))
             if sum(part.length.size for part in parts) >= BLOCK or i + 1 == len(scans):
                 yield BeamRays(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
                 parts = []
 
     def sum_of_sizes(self, scans: Sequence[PlacedScan]) -> WindowSize:
         """Return what scans add to a window; raises GridError for a ray that is too long."""
+        return self._sizes_and_rays(scans)[0]
+
+    def _sizes_and_rays(self, scans: Sequence[PlacedScan]) -> tuple[WindowSize, list[BeamRays]]:
+        """Return the size of all scans, and the rays of as many of the first as may be held."""
         size = WindowSize(0, 0, CellBox(0, 0, 0, 0))
+        held: list[BeamRays] = []
         for scan in scans:
-            size = size.with_more(self._size_of(self._cast(scan)))
-        return size
+            rays = self._cast(scan)
+            size = size.with_more(self._size_of(rays))
+            if size.rays <= MOST_HELD:
+                held.append(rays)
+        return size, held
 
     def _size_of(self, rays: BeamRays) -> WindowSize:
         if rays.length.size == 0:

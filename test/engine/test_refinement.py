@@ -99,6 +99,32 @@ def test_scans_that_came_in_extend_the_window():
         assert np.array_equal(getattr(window.index, name), getattr(whole.index, name)), name
 
 
+@pytest.mark.parametrize(
+    'patch',
+    [PatchConfig(), PatchConfig(prior='uniform', size=9, margin=2)],
+    ids=['cells', 'patches'],
+)
+def test_a_window_that_grew_draws_what_one_built_at_once_draws(patch):
+    config = replace(settings(), patch=patch)
+    grown, whole = Refinement(config), Refinement(config)
+    scans = [FIRST, SECOND, NOTHING, THIRD, FIRST]
+    for count in (1, 2, 5):
+        grown.take(scans[:count])
+    whole.take(scans)
+    assert grown.window.spec == whole.window.spec
+    draws = []
+    for refinement in (grown, whole):
+        model = refinement.sampler.model
+        sampler = PosteriorSampler(
+            model, [np.zeros(model.n_cells, np.uint8)] * 2, seed=3, burn_in=4
+        )
+        sampler.advance(20)
+        cells = [state.cells.tolist() for state in sampler.states]
+        draws.append((model.touched.tolist(), model.telling.tolist(), cells))
+    assert draws[0] == draws[1]
+    assert 0 < sum(draws[0][2][0]) < len(draws[0][2][0])
+
+
 def test_scans_that_went_build_the_window_anew():
     refinement = taken(FIRST, SECOND)
     refinement.take([SECOND, THIRD])

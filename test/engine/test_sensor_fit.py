@@ -31,6 +31,11 @@ def test_beams_confirm_and_contradict_each_other():
     assert model.sigma == ForwardModelConfig().sigma
 
 
+def test_beams_that_meet_nothing_say_nothing_of_clutter():
+    _, found = fit_sensor(scans_of(math.inf, math.inf), config())
+    assert (found.clutter.beams, found.missing.beams) == (0, 0)
+
+
 def test_a_lone_reading_says_nothing_of_clutter():
     model, found = fit_sensor(scans_of(2.0), config())
     assert found.clutter.beams == 0
@@ -87,6 +92,8 @@ def test_sums_around_cells_and_ways_of_rays_on_paper():
     assert np.array_equal(around, expected)
     solid = np.zeros((5, 9), bool)
     solid[2, 4] = True
-    assert _meets(solid, (1, 2), (0.5, 0.5), (7.5, 0.5))
-    assert not _meets(solid, (1, 2), (0.5, 0.5), (4.5, 0.5))  # ends two cells behind
-    assert not _meets(solid, (1, 1), (0.5, 0.5), (7.5, 0.5))
+    ends = np.array([(7.5, 0.5), (4.5, 0.5), (99.0, 0.5), (0.5, -9.0)]).T
+    # The second one ends two cells behind; others leave the cells that are looked at.
+    assert _meets(solid, (1, 2), (0.5, 0.5), ends).tolist() == [True, False, True, False]
+    assert not _meets(solid, (1, 1), (0.5, 0.5), ends).any()
+    assert _meets(solid, (1, 1), (0.5, 0.5), ends[:, :0]).shape == (0,)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from support.strategies import fan
 
-from ogm_mcmc.engine.warp import cells_before, warped
-from ogm_mcmc.geometry import GridMap, GridSpec, PlacedScan, Pose2D
+from ogm_mcmc.engine.warp import cells_before, laid_on, warped
+from ogm_mcmc.geometry import GridSpec, PlacedScan, Pose2D
 
 OLD = GridSpec(0.1, 60, 40, -30, -20)
 NEW = GridSpec(0.1, 70, 50, -25, -18)
@@ -27,9 +27,9 @@ def moved(scans, step):
 )
 def test_a_map_goes_along_as_one_body_with_all_its_scans(step):
     scans = [at(-1.0), at(0.5, 0.7), at(2.0)]
-    values = np.random.default_rng(1).random((OLD.height, OLD.width)).astype(np.float32)
+    values = np.random.default_rng(1).integers(0, 200, (OLD.height, OLD.width), np.uint8)
     before = cells_before(OLD, NEW, scans, moved(scans, step))
-    found = warped(GridMap(OLD, values), before, NEW).probability
+    found = warped(values.reshape(-1), before, 255).reshape(NEW.height, NEW.width)
     back = step.inverse()
     for row in range(0, NEW.height, 3):
         for column in range(NEW.width):
@@ -43,7 +43,7 @@ def test_a_map_goes_along_as_one_body_with_all_its_scans(step):
                 near = values[max(r - 1, 0) : r + 2, max(c - 1, 0) : c + 2]
                 assert found[row, column] in near  # rounding may take the next cell
             elif not (-1 <= c <= OLD.width and -1 <= r <= OLD.height):
-                assert np.isnan(found[row, column])
+                assert found[row, column] == 255
 
 
 def test_nothing_moves_where_no_scan_moved():
@@ -55,3 +55,14 @@ def test_nothing_moves_where_no_scan_moved():
     index = np.arange(OLD.width * OLD.height).reshape(OLD.height, OLD.width)
     assert np.array_equal(before[:, :16], index[:, :16])
     assert np.array_equal(before[3:, -12:], index[:-3, -12:])
+
+
+def test_a_map_laid_on_another_window_of_its_lattice():
+    values = np.random.default_rng(2).integers(0, 2, (OLD.height, OLD.width), np.uint8)
+    found = laid_on(values.reshape(-1), OLD, NEW, 7).reshape(NEW.height, NEW.width)
+    assert np.array_equal(found[:38, :55], values[2:, 5:])
+    assert (found[38:] == 7).all()
+    assert (found[:, 55:] == 7).all()
+    same = laid_on(values.reshape(-1), OLD, OLD, 7)
+    assert np.array_equal(same, values.reshape(-1))
+    assert same is not values  # chains change it in place

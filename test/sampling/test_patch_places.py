@@ -10,7 +10,7 @@ from ogm_mcmc.config import ForwardModelConfig, WindowConfig
 from ogm_mcmc.geometry import CellBox, PlacedScan, Pose2D
 from ogm_mcmc.sampling import RayWindow
 from ogm_mcmc.sampling.informed import arrival, near, telling_cells
-from ogm_mcmc.sampling.patch_places import DULL_TURNS, focused, patch_places, turn
+from ogm_mcmc.sampling.patch_places import DULL_TURNS, focused, patch_places, told_cells, turn
 
 WIDTH, HEIGHT = 40, 30
 INNER = [row * WIDTH + column for row in range(3) for column in range(3)]
@@ -28,10 +28,25 @@ def index():
     return window.index
 
 
+def told_by(index):
+    return told_cells(index, telling_cells(index))
+
+
+def test_what_rays_tell_of_is_what_each_of_them_tells_of(index):
+    telling, whole = telling_cells(index), told_by(index)
+    for first in (0, 1, 17, 40):
+        later = told_cells(index, telling, first)
+        nothing = np.zeros(index.n_cells, np.float32)
+        earlier = arrival(index._replace(rays=index.rays[:first]), telling[:first], nothing) > 0.0
+        assert np.array_equal(later | earlier, whole)
+    assert whole.any()
+    assert not told_cells(index, telling, 40).any()
+
+
 @pytest.mark.parametrize('side', [1, 3, 5])
 @pytest.mark.parametrize('margin', [None, 1, 4])
 def test_every_tiling_has_each_patch_once(index, side, margin):
-    places = patch_places(index, telling_cells(index), WIDTH, side, margin)
+    places = patch_places(index, told_by(index), WIDTH, side, margin)
     parts = [*places.active, *places.dull]
     assert len(places.active) == len(places.dull) == side * side
     together = np.concatenate(parts)
@@ -53,7 +68,7 @@ def test_every_tiling_has_each_patch_once(index, side, margin):
 def test_only_the_band_around_what_rays_tell_of_is_sampled(index):
     telling = telling_cells(index)
     told = arrival(index, telling, np.zeros(index.n_cells, np.float32)) > 0.0
-    places = patch_places(index, telling, WIDTH, 3, 4)
+    places = patch_places(index, told, WIDTH, 3, 4)
     band = near(told.reshape(HEIGHT, WIDTH), 4)
     sampled = np.zeros(index.n_cells, bool)
     sampled[places.touched] = True
@@ -63,7 +78,7 @@ def test_only_the_band_around_what_rays_tell_of_is_sampled(index):
 
 
 def test_patches_far_in_front_of_all_readings_are_dull(index):
-    places = patch_places(index, telling_cells(index), WIDTH, 3, 4)
+    places = patch_places(index, told_by(index), WIDTH, 3, 4)
     dull = np.concatenate(places.dull)
     assert dull.size > 20
     crossed, gains = index.is_touched(), index.gains()
@@ -75,7 +90,7 @@ def test_patches_far_in_front_of_all_readings_are_dull(index):
 
 
 def test_patches_in_doubt_are_in_every_sweep_and_all_others_in_one_of_eight(index):
-    places = patch_places(index, telling_cells(index), WIDTH, 3, 4)
+    places = patch_places(index, told_by(index), WIDTH, 3, 4)
     in_doubt = np.zeros((HEIGHT, WIDTH), bool)
     in_doubt[12, 25] = True
     found = focused(places, in_doubt, 3)
