@@ -4,12 +4,14 @@ Each scan is looked up, one after the other, in a field of what the scans before
 (correlative scan matching: Olson 2009, "Real-time correlative scan matching"): at all poses of a
 lattice around its belief, then on a finer one. A scan that was put down wrongly leads others
 astray, so later every scan is looked up once more, in a field of all scans but those of its part
-(every fourth): `relocate`.
+(every fourth): `relocate`. Poses that alignment came to are looked at once more in this way, most
+of them near by only: `recheck`.
 """
 
 from __future__ import annotations
 
 import math
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,10 +22,16 @@ from ogm_mcmc.trajectory.correlative_kernels import best_pose, paint
 from ogm_mcmc.trajectory.factors import PoseFactors
 from ogm_mcmc.trajectory.points import ScanPoints, wrapped
 
-__all__ = ['LookUp', 'look_up_in_turn', 'relocate']
+__all__ = ['LookUp', 'look_up_in_turn', 'recheck', 'relocate']
 
 # Parts that are looked up in what all the others saw.
 PARTS = 4
+
+# A pose is given up for one that is likelier by so many nats.
+SURER_BY = 5.0
+
+# Scans whose points score so small a share of what is usual fit badly.
+FITTING_SHARE = 0.75
 
 # The first look is at every other point.
 COARSE_STRIDE = 2
@@ -68,6 +76,12 @@ class _Field:
         size = np.maximum(placed.max(axis=0), poses[:, :2].max(axis=0)) + margin - self.corner
         width, height = np.ceil(size / settings.cell_m).astype(int)
         self.values = np.zeros((height, width), np.float32)
+
+    def within(self, settings: LookUp) -> _Field:
+        """Return the same field, looked at with another lattice of poses."""
+        other = copy(self)
+        other.settings = settings
+        return other
 
     def add(self, scans: AnyArray, poses: Float64Array) -> None:
         """Paint scans as the poses (K, 3) place them."""
@@ -144,3 +158,40 @@ def relocate(
             if far > near and np.abs(wrapped(pose - poses[k])).max() > settings.step_m:
                 result[k] = pose
     return result
+
+
+def recheck(
+    points: ScanPoints, poses: Float64Array, factors: PoseFactors, near: LookUp, far: LookUp
+) -> Float64Array:
+    """Return poses (K, 3), those put elsewhere that fit better there, by `SURER_BY` nats.
+
+    Every scan is looked up around where it is in what those of other parts saw; those that fit
+    badly for their number of points, also around where they are believed to be, as `far` says.
+    """
+    result = poses.copy()
+    everyone = np.arange(points.n_scans)
+    count = np.maximum(np.diff(points.starts), 1)
+    score, found = np.zeros(count.size), np.zeros(count.size)
+    fields = []
+    for part in range(min(PARTS, count.size)):
+        field = _Field(points, poses, near)
+        field.add(everyone[everyone % PARTS != part], poses)
+        fields.append(field)
+        for k in everyone[part::PARTS]:
+            score[k], _ = field.look_up(int(k), poses[k], factors, wide=False)
+            found[k], pose = field.look_up(int(k), poses[k], factors, wide=True)
+            if _is_better(found[k] - score[k], pose - poses[k], near):
+                result[k] = pose
+    usual = float(np.median(score / count))
+    for k in np.flatnonzero(found / count < FITTING_SHARE * usual):
+        # The field of a larger reach would only be wider: nothing is known out there.
+        wide = fields[k % PARTS].within(far)
+        best, pose = wide.look_up(int(k), factors.mean[k], factors, wide=True)
+        if _is_better(best - max(score[k], found[k]), pose - poses[k], far):
+            result[k] = pose
+    return result
+
+
+def _is_better(gain: float, step: Float64Array, settings: LookUp) -> bool:
+    moved = np.abs(wrapped(step)) > (settings.step_m, settings.step_m, settings.step_rad)
+    return bool(gain > SURER_BY and moved.any())

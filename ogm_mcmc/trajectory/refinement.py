@@ -13,10 +13,11 @@ from ogm_mcmc.arrays import AnyArray, Float64Array, Int64Array
 from ogm_mcmc.config import TrajectoryConfig
 from ogm_mcmc.errors import WindowError
 from ogm_mcmc.geometry import Pose2D, PoseBelief, Scan
-from ogm_mcmc.trajectory.correlative import LookUp, look_up_in_turn, relocate
+from ogm_mcmc.trajectory.correlative import LookUp, look_up_in_turn, recheck, relocate
+from ogm_mcmc.trajectory.curvature import drawn_deviation, held_share, widening
 from ogm_mcmc.trajectory.factors import Moves, PoseFactors
 from ogm_mcmc.trajectory.points import ScanPoints, poses_of, wrapped
-from ogm_mcmc.trajectory.surfels import Stage, SurfelSystem, align, solve
+from ogm_mcmc.trajectory.surfels import Stage, SurfelSystem, align
 
 __all__ = ['TrajectoryProgress', 'TrajectoryRefinement']
 
@@ -41,8 +42,17 @@ VAGUE = (0.35, 0.35, 0.12)
 FITTING_SHARE = 0.6
 ASTRAY = LookUp(reach_rad=0.7)
 
+# At the end no scan may fit better near by, nor far off one that fits badly. Where any does,
+# alignment begins again from the third stage, so many times at most.
+NEAR_BY = LookUp(reach_m=0.5, reach_rad=0.5)
+FAR_OFF = LookUp(reach_m=4.0, reach_rad=1.25, step_m=0.2, step_rad=0.05)
+RECHECKS = 2
+
 # Stages that a search begins with, and that its look-up of astray scans is followed by.
 SEARCH_STAGES = STAGES[:2]
+
+# Directions along which it is measured how firmly points hold poses.
+PROBES = 2
 
 
 class TrajectoryProgress(NamedTuple):
@@ -87,6 +97,7 @@ class TrajectoryRefinement:
         )
         self.poses = self.factors.mean.copy()
         self.deviations: list[Float64Array] = []
+        self.held = math.nan  # how much poses are held by points, see `curvature`
         self._rng = np.random.default_rng(self.config.seed)
         self._system: SurfelSystem | None = None
         self._steps = self._plan()
@@ -99,7 +110,15 @@ class TrajectoryRefinement:
         """Number of steps until all is done, at most."""
         searching = 2 + sum(stage.steps for stage in SEARCH_STAGES) if self.config.search else 0
         again = 1 + sum(stage.steps for stage in COARSE[1:])
-        return searching + again + sum(stage.steps for stage in STAGES) + self.config.draws
+        around = RECHECKS * (1 + sum(stage.steps for stage in STAGES[len(COARSE) - 1 :]))
+        return (
+            1
+            + searching
+            + again
+            + around
+            + sum(stage.steps for stage in STAGES)
+            + self.config.draws
+        )
 
     def run(
         self, max_time_s: float = math.inf, cancelled: Callable[[], bool] = lambda: False
@@ -133,6 +152,14 @@ class TrajectoryRefinement:
                 yield from self._aligning(stage)
         for stage in STAGES[len(COARSE) :]:
             yield from self._aligning(stage)
+        for _ in range(RECHECKS):
+            before = self.poses
+            self.poses = recheck(self.points, before, self.factors, NEAR_BY, FAR_OFF)
+            yield self._progress('looked around', 0.0, self.poses - before)
+            if np.array_equal(self.poses, before):
+                break
+            for stage in STAGES[len(COARSE) - 1 :]:
+                yield from self._aligning(stage)
         yield from self._drawing(STAGES[-1])
 
     def _aligning(self, stage: Stage) -> Iterator[TrajectoryProgress]:
@@ -160,11 +187,18 @@ class TrajectoryRefinement:
     def _drawing(self, stage: Stage) -> Iterator[TrajectoryProgress]:
         system = SurfelSystem.around(self.points, self.poses, stage)
         at = self.factors.linearised(self.poses)
-        self._system = system
+        self._system, nowhere = system, np.zeros_like(self.poses)
+        held = []
+        for _ in range(PROBES):
+            probe = drawn_deviation(system, self.factors, at, self._rng)
+            held.append(held_share(system, self.points, self.poses, stage, probe))
+        self.held = float(np.mean(held))
+        wider = self.config.inflation * widening(system, at, self.held)
+        yield self._progress('curvature measured', stage.side_m, nowhere)
         for _ in range(self.config.draws):
-            noise = system.noise(self._rng) + self.factors.noise(at, self._rng)
-            self.deviations.append(self.config.inflation * solve(system, self.factors, at, noise))
-            yield self._progress('drawn', stage.side_m, np.zeros_like(self.poses))
+            drawn = drawn_deviation(system, self.factors, at, self._rng)
+            self.deviations.append(wider * drawn)
+            yield self._progress('drawn', stage.side_m, nowhere)
 
     def _progress(self, doing: str, side_m: float, change: Float64Array) -> TrajectoryProgress:
         spread = math.nan if self._system is None else math.sqrt(self._system.variance)

@@ -64,7 +64,8 @@ class Stage(NamedTuple):
 class SurfelSystem(NamedTuple):
     """The log-likelihood around poses: A entries of V surfels, see `surfel_kernels`.
 
-    `variance` is that of a point around its line, m^2, as the points themselves show it.
+    `variance` is that of a point around its line, m^2, as the points themselves show it; `slope`
+    is the mean change of r f(r / cut) with r, as a share of the mean weight.
     """
 
     residual: Float64Array
@@ -76,6 +77,7 @@ class SurfelSystem(NamedTuple):
     blocks: Float64Array
     gradient: Float64Array
     variance: float
+    slope: float
 
     @classmethod
     def around(cls, points: ScanPoints, poses: Float64Array, stage: Stage) -> SurfelSystem:
@@ -86,14 +88,14 @@ class SurfelSystem(NamedTuple):
         mean = np.empty(shift)
         centre(residual, weight, surfel, total, mean)
         off = residual - mean[surfel]
-        variance = max(_variance(off, weight, int(np.count_nonzero(total)), stage.cut_m), 1e-8)
+        variance, slope = _spread(off, weight, int(np.count_nonzero(total)), stage.cut_m)
         weight /= variance
         total /= variance
         n_scans = points.n_scans
         gradient, blocks = np.zeros((n_scans, 3)), np.zeros((n_scans, 3, 3))
         gather(-off, jacobian, weight, scan, gradient)
         own_blocks(jacobian, weight, scan, blocks)
-        return cls(off, jacobian, weight, surfel, scan, total, blocks, gradient, variance)
+        return cls(off, jacobian, weight, surfel, scan, total, blocks, gradient, variance, slope)
 
     def times(self, x: Float64Array) -> Float64Array:
         """Return the precision times x (K, 3)."""
@@ -132,23 +134,26 @@ def _entries(
     return residual, jacobian, weight, surfel, scan
 
 
-def _variance(off: Float64Array, weight: Float64Array, surfels: int, cut_m: float) -> float:
-    """Return the variance of a point that counts in full, m^2.
+def _spread(
+    off: Float64Array, weight: Float64Array, surfels: int, cut_m: float
+) -> tuple[float, float]:
+    """Return the variance of a point that counts in full, m^2, and the slope of its influence.
 
     Such that (sum of weights) / variance is the information that the points have of a common
     distance: sum psi'(r)^2 / sum psi(r)^2 for the influence psi(r) = f(r / cut) r (Huber 1964).
     """
     if off.size == 0:
-        return 1.0
+        return 1.0, 1.0
     squares = 0.25 * (off / cut_m) ** 2
     share = 1.0 / len(LAYERS)
     influence = (weight / share * off) ** 2 * share
-    slope = weight * (1.0 - 4.0 * squares / (1.0 + squares))
+    weights = float(weight.sum())
+    slope = float((weight * (1.0 - 4.0 * squares / (1.0 + squares))).sum()) / weights
     points = share * off.size
     # Where a line is and how it runs was taken from the points themselves.
     freedom = max(1.0 - 2.0 * share * surfels / points, 0.1)
-    total_slope = max(float(slope.sum()), 0.1 * float(weight.sum()))
-    return float(influence.sum()) * float(weight.sum()) / (total_slope**2 * freedom)
+    slope = max(slope, 0.1)
+    return max(float(influence.sum()) / (slope**2 * weights * freedom), 1e-8), slope
 
 
 def _layer(

@@ -1,0 +1,65 @@
+"""How much less points hold poses than the quadratic model of surfels says.
+
+The model keeps surfels as they are while poses move. In truth they give way: lines turn with the
+points, points pass to other squares, wide ones lose their weight. So the gradient g of the points
+changes less than by its Hessian H when poses move by d, and what was measured of it stands for
+the rest:
+
+    held = d . (g(x - d) - g(x + d)) / 2 d . H d,     d drawn from the model itself
+
+Robust weights alone take away all but a share `slope`, and that is in the variance of a point
+already. An M-estimator (Huber 1967) that is held by `held` instead scatters slope / held times as
+far as the model says: so much wider are deviations drawn, in the share that points, not beliefs,
+have in what holds a scan.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ogm_mcmc.arrays import Float64Array
+from ogm_mcmc.trajectory.factors import Linearised, PoseFactors
+from ogm_mcmc.trajectory.points import ScanPoints, wrapped
+from ogm_mcmc.trajectory.surfels import Stage, SurfelSystem, solve
+
+__all__ = ['drawn_deviation', 'held_share', 'widening']
+
+# Less than this is not believed: deviations would be more than five times those of the model.
+LEAST_HELD = 0.2
+
+
+def held_share(
+    system: SurfelSystem,
+    points: ScanPoints,
+    poses: Float64Array,
+    stage: Stage,
+    deviation: Float64Array,
+) -> float:
+    """Return how much of what `system` around poses (K, 3) says they are held by, 0.2 to 1.
+
+    deviation  (K, 3), along which that is measured
+    """
+    expected = float((deviation * system.times(deviation)).sum())
+    if expected <= 0.0:
+        return 1.0
+    gradients = []
+    for sign in (1.0, -1.0):
+        there = SurfelSystem.around(points, wrapped(poses + sign * deviation), stage)
+        # Of the points, not of what their spread is taken for: that is the same on both sides.
+        gradients.append(there.gradient * (there.variance / system.variance))
+    found = 0.5 * float((deviation * (gradients[1] - gradients[0])).sum())
+    return float(np.clip(found / expected, LEAST_HELD, 1.0))
+
+
+def drawn_deviation(
+    system: SurfelSystem, factors: PoseFactors, at: Linearised, rng: np.random.Generator
+) -> Float64Array:
+    """Draw how far poses (K, 3) may be from where they are, from the quadratic model."""
+    return solve(system, factors, at, system.noise(rng) + factors.noise(at, rng))
+
+
+def widening(system: SurfelSystem, at: Linearised, held: float) -> Float64Array:
+    """Return how many times wider than the model the deviations of scans (K, 1) are."""
+    points, known = (np.einsum('kii->ki', blocks) for blocks in (system.blocks, at.blocks))
+    share = (points / (points + known)).mean(axis=1, keepdims=True)
+    return np.asarray(1.0 + share * max(system.slope / held - 1.0, 0.0), np.float64)
