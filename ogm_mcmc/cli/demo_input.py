@@ -79,11 +79,14 @@ def _looked_into(bag_path: Path, options: argparse.Namespace) -> DemoInput:
         scans = PlacedScans(bag, topics, choice, tell=say)
         for line in topics.remarks:
             say(line)
-        mounts = mounts_setting(scans.sensor_mounts().values())
+        found = list(scans.sensor_mounts().values())
         first = next(bag.records((topics.scans[0].name,)))
         beams = len(bag.decode(first).ranges)
-    # Of the others some need messages that are not installed everywhere.
-    recorded = topics.pose_source in ('pose', 'pose_stamped', 'odom', 'particles')
+    # Of the others some need messages that are not installed everywhere. A sensor that moves on
+    # the robot is followed by computed poses alone.
+    follows = len(found) == 1 and found[0].origin == 'tf'
+    sent = topics.pose_source in ('pose', 'pose_stamped', 'odom', 'particles')
+    recorded = sent and not follows
     computed = '' if recorded else topics.pose_source
     return DemoInput(
         bag_path,
@@ -93,7 +96,7 @@ def _looked_into(bag_path: Path, options: argparse.Namespace) -> DemoInput:
         computed,
         topics.map_frame,
         topics.base_frame,
-        mounts,
+        mounts_setting(found),
         topics.n_scans,
         beams,
     )

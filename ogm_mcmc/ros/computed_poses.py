@@ -1,7 +1,9 @@
 """Poses of a recording, computed at the stamps of its scans, for nodes that cannot take them.
 
 Transforms cannot be sent where tf2_msgs is not installed, and the poses of a file are on no topic.
-What tf says of the sensors is told as the parameter that says the same.
+What tf says of the sensors is told as the parameter that says the same. A parameter cannot move:
+where one sensor moves on the robot, each pose is that of a base on which it would sit as the
+parameter says, so that the sensor is where it was.
 """
 
 from __future__ import annotations
@@ -15,7 +17,8 @@ from rclpy.node import Node
 from ogm_mcmc.config.nodes import ReplayConfig
 from ogm_mcmc.engine.bag_scans import PlacedScans
 from ogm_mcmc.engine.bag_topics import StreamChoice, choose_topics
-from ogm_mcmc.engine.mounts import mounts_setting
+from ogm_mcmc.engine.mounts import MountFound, mounts_setting
+from ogm_mcmc.engine.placing import MountSource
 from ogm_mcmc.engine.pose_history import Unplaceable, Waiting
 from ogm_mcmc.errors import BagError, PoseError
 from ogm_mcmc.io import messages
@@ -35,6 +38,7 @@ class ComputedPoses:
         self.topics = scans.topics
         self.source = scans.robot_poses()
         self.scan_names = {topic.name for topic in self.topics.scans}
+        self.mounts, self.fixed = _moving_mount(scans)
         self.outlet = node.create_publisher(PoseWithCovarianceStamped, TOPIC, qos.POSES)
         self.missing = 0
 
@@ -47,6 +51,9 @@ class ComputedPoses:
             return False
         try:
             belief = self.source.at(header.stamp_ns)
+            if self.fixed is not None and self.mounts is not None:
+                now = self.mounts.at(self.fixed.frame, header.stamp_ns, 0.0)
+                belief = belief.moved(now.pose.compose(self.fixed.mount.pose.inverse()))
         except (Waiting, Unplaceable, PoseError):
             self.missing += 1
             return False
@@ -54,6 +61,27 @@ class ComputedPoses:
         messages.fill_pose(message, belief, self.topics.map_frame, header.stamp_ns)
         self.outlet.publish(message)
         return True
+
+
+def _moving_mount(scans: PlacedScans) -> tuple[MountSource | None, MountFound | None]:
+    """Return the mounts, and one place of the only sensor if it moves on the robot."""
+    first = dict(scans.sensor_mounts())
+    moves = [one for one in first.values() if one.origin == 'tf']
+    return scans.placer.mounts, moves[0] if moves and len(first) == 1 else None
+
+
+def _say_of_moving(
+    found: list[MountFound], *, computed: bool, source: str, log: Callable[[str], object]
+) -> None:
+    """Say how sensors that move on the robot are taken by nodes that get no tf."""
+    moving = ', '.join(one.frame for one in found if one.origin == 'tf')
+    if not moving:
+        return
+    if computed and len(found) == 1:
+        log(f'{moving} moves on the robot: poses are those that put it where it was')
+        return
+    other = '' if computed or len(found) > 1 else f'; pose_source {source} follows it'
+    log(f'{moving} moves on the robot: mount.frames cannot follow it{other}')
 
 
 def computed_poses(
@@ -86,8 +114,10 @@ def computed_poses(
     for line in topics.remarks:
         log(line)
     mounts = [one for one in scans.sensor_mounts().values() if one.origin]
+    computed = asked or topics.pose_source == 'tf'
+    _say_of_moving(mounts, computed=computed, source=topics.pose_source, log=log)
     told = f"mount.frames:='{mounts_setting(mounts)}'" if mounts else ''
-    if not asked and topics.pose_source != 'tf':
+    if not computed:
         log(f'for the nodes: pose_source:={topics.pose_source} {told}'.rstrip())
         return None
     log(

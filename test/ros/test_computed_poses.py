@@ -1,6 +1,7 @@
 """`replay` of recordings whose poses cannot be sent as they are."""
 
 import json
+import re
 
 import pytest
 
@@ -11,7 +12,9 @@ from sensor_msgs.msg import LaserScan
 from support.ros import NodeProcess, Observer
 from support.transforms import transform
 
+from ogm_mcmc.geometry import Pose2D
 from ogm_mcmc.io import messages
+from ogm_mcmc.io.ros_types import odometry
 
 pytestmark = [pytest.mark.ros]
 
@@ -54,6 +57,27 @@ def test_poses_of_tf_are_computed_where_tf_cannot_be_sent(write_bag, records):
     assert {pose.header.frame_id for pose in poses} == {'map'}
     assert "mount.frames:='laser 0.2 0 1.5 upside_down'" in output
     assert 'pose_source:=pose map_frame:=map' in output
+
+
+@pytest.mark.parametrize('source', ['tf', 'odom'])
+def test_a_sensor_that_moves_on_the_robot_is_where_it_was(write_bag, make_scan, source):
+    """A robot that stands, its laser turned further with each scan."""
+    held = []
+    for k, stamp in enumerate(STAMPS):
+        held.append(('/tf', stamp, transform(stamp, 'odom', 'base_link', 0.0, 1.0, 0.0)))
+        held.append(
+            ('/tf', stamp, transform(stamp, 'base_link', 'laser', 0.2, 0.0, 0.5 + 0.3 * k))
+        )
+        held.append(('/odom', stamp, odometry(stamp, Pose2D(0.0, 1.0), 0.0, 0.0)))
+        held.append(('/scan', stamp, make_scan(stamp)))
+    poses, done, output = replayed(write_bag(held), '--pose-source', source)
+    assert done['published']['pose'] == len(STAMPS)
+    assert 'laser moves on the robot: poses are those that put it where it was' in output
+    (told,) = re.findall(r"mount.frames:='laser 0.2 0 ([0-9.]+)'", output)
+    for k, pose in enumerate(poses):
+        sensor = messages.read_pose(pose).moved(Pose2D(0.2, 0.0, float(told))).mean
+        assert (sensor.x_m, sensor.y_m) == pytest.approx((0.2, 1.0), abs=1e-6)
+        assert sensor.yaw_rad == pytest.approx(0.5 + 0.3 * k, abs=1e-5)
 
 
 def test_poses_of_a_file(write_bag, records, tmp_path):
