@@ -23,7 +23,7 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Ros2Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import LaserScan
+from sensor_msgs.msg import LaserScan, Range
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
 from support.ros import NodeProcess, Observer
@@ -279,3 +279,26 @@ def test_the_command_line_is_the_same_node(bag):
     assert done['published'] == {'/scan': COUNT}
     with BagReader(bag) as reader:
         assert reader.message_count == COUNT + 1
+
+
+@pytest.mark.parametrize('release', [Stores.ROS2_HUMBLE, Stores.ROS1_NOETIC])
+def test_ranges_of_before_iron_reach_a_subscriber_of_today(tmp_path, release):
+    """They had no `variance`."""
+    store, ros1 = get_typestore(release), release == Stores.ROS1_NOETIC
+    path = tmp_path / ('old.bag' if ros1 else 'old')
+    kinds = store.types
+    with Ros1Writer(path) if ros1 else Ros2Writer(path, version=8) as bag:
+        connection = bag.add_connection('/range', ros_types.RANGE, typestore=store)
+        for k in range(5):
+            stamp = kinds['builtin_interfaces/msg/Time'](5, k)
+            header = kinds['std_msgs/msg/Header'](*((k,) if ros1 else ()), stamp, 'sonar')
+            message = kinds[ros_types.RANGE](header, 0, 0.5, 0.25, 4.0, 1.0 + k)
+            serialize = store.serialize_ros1 if ros1 else store.serialize_cdr
+            bag.write(connection, 10 + k, serialize(message, ros_types.RANGE))
+    with Observer() as observer:
+        heard = observer.collect(Range, '/range', 10)
+        with NodeProcess('replay', [str(path), '--rate', '0', '--wait', '60']) as player:
+            observer.until(lambda: not player.running(), 90.0)
+            assert player.wait() == 0, player.output
+        observer.until(lambda: len(heard) == 5)
+    assert [(one.range, one.variance) for one in heard] == [(1.0 + k, 0.0) for k in range(5)]
