@@ -59,6 +59,7 @@ class ParameterSet:
         self.configs = tuple(configs)
         self.live = live
         self.agree = agree
+        self._names: dict[type, list[str]] = {}  # to ask for all of them takes milliseconds
         self.leaves = {leaf.name: leaf for config in self.configs for leaf in settings_of(config)}
         for leaf in self.leaves.values():
             try:
@@ -89,7 +90,10 @@ class ParameterSet:
 
     def read(self, config: type[T]) -> T:
         """Build one config object from the current values; raises ConfigError."""
-        return build(config, self.values(), ignore_unknown=True)
+        names = self._names.get(config)
+        if names is None:
+            names = self._names[config] = [leaf.name for leaf in settings_of(config)]
+        return build(config, {name: self.node.get_parameter(name).value for name in names})
 
     def refused(self, changes: Iterable[Parameter]) -> SetParametersResult | None:
         """Return why a change is refused that names a fixed parameter, None if none does."""

@@ -266,6 +266,9 @@ class RefineServer(ManagedNode):
         limit = self.sampler.window.max_memory_mb
         if not self.active:
             response.success, response.message = False, 'not active: activate the node first'
+        elif not self.working:
+            response.success = False
+            response.message = f'{self.compiling or "starting"}: scans are taken after that'
         elif len(recording) == 0:
             waiting, lost = len(self.intake.placer), self.intake.problems.all().total()
             response.success, response.message = (

@@ -35,6 +35,7 @@ from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.ros.managed_node import ManagedNode
 from ogm_mcmc.ros.online_mapper import OnlineMapper
 from ogm_mcmc.ros.qos import LATCHED, POSES
+from ogm_mcmc.ros.refine_server import RefineServer
 
 pytestmark = [pytest.mark.ros]
 
@@ -234,6 +235,18 @@ def test_a_node_that_starts_by_itself_ends_where_it_cannot():
         node.kernels.set()
         with pytest.raises(ConfigError, match='no laser'):
             node.until(lambda: False)
+
+
+def test_refine_says_that_kernels_are_compiled_first(monkeypatch):
+    kernels = threading.Event()
+    monkeypatch.setattr(RefineServer, 'warm_up', lambda node: kernels.wait(60.0))
+    with local_node(RefineServer, ready=False) as node:
+        node.until(lambda: bool(node.compiling))
+        answer = node.on_refine(Trigger.Request(), Trigger.Response())
+        kernels.set()
+    assert not answer.success
+    assert answer.message.startswith('compiling kernels, ')
+    assert answer.message.endswith('scans are taken after that')
 
 
 def test_what_the_active_node_made_is_gone_when_it_is_not():
