@@ -151,8 +151,8 @@ class OnlineMapperConfig:
     )
     keep_scans_mb: float = setting(
         500.0,
-        'keep_scans: memory for ranges, MB; when it is full, scans of places and headings that '
-        'others cover go first, and are missing in a map made anew',
+        'keep_scans: memory for scans and their poses, MB; when it is full, scans of places and '
+        'headings that others cover go first, and are missing in a map made anew',
         low=1.0,
         high=1e6,
     )

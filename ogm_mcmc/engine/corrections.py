@@ -63,6 +63,12 @@ class Corrector:
         """Forget everything."""
         self.track.clear()
 
+    def copy(self) -> Corrector:
+        """Return one that knows the same, for another thread."""
+        copy = Corrector()
+        copy.track = self.track.copy()
+        return copy
+
     def applied(self, scans: Sequence[PlacedScan], nodes: Nodes, resolution_m: float) -> Corrected:
         """Place scans anew; `resolution_m` decides which moved at all."""
         stamps = np.array([placed.scan.stamp_ns for placed in scans], np.int64)

@@ -50,6 +50,13 @@ class Coverage:
         self._counts: Counter[Hashable] = Counter()
         self._newest_ns: dict[Hashable, int] = {}
 
+    def copy(self) -> Coverage:
+        """Return the same counts, which go their own way from here."""
+        copy = Coverage()
+        copy.doublings, copy.most = self.doublings, self.most
+        copy._counts, copy._newest_ns = self._counts.copy(), self._newest_ns.copy()
+        return copy
+
     @property
     def cell_m(self) -> float:
         """Side of a cell, m."""

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 import time
+from collections import deque
 from typing import NamedTuple
 
 from ogm_mcmc.config import MapperConfig, RecordingConfig
@@ -15,65 +17,67 @@ from ogm_mcmc.pipeline import MappingPipeline
 
 __all__ = ['KeptScans', 'Remade']
 
-BYTES_A_BEAM = 4
-MOST_SCANS = 10_000_000
+# As many as settings may say: the limit of kept scans is their memory.
+MOST_SCANS, MOST_BEAMS = 10_000_000, 1_000_000_000
+
+FEW = 10
+"""So many scans are mapped at a time by whoever takes a map; the thread maps the others."""
 
 
 class Remade(NamedTuple):
-    """A map made anew, of how many scans, and how long that took."""
+    """What a correction did, of how many scans there are, and how long it took.
 
-    pipeline: MappingPipeline
+    `pipeline`: the map made anew, None where no scan moved. The scans of `corrected` are left out.
+    """
+
+    pipeline: MappingPipeline | None
+    corrected: Corrected
     scans: int
     seconds: float
 
 
 class KeptScans:
-    """Keeps what was mapped; `correct` makes the map anew in a thread, `taken` hands it over.
+    """Keeps what was mapped; `correct` places scans and makes the map anew, `taken` hands it over.
 
-    The thread works on scans of its own; those that are mapped meanwhile are added when the map
-    is taken. A trajectory that comes meanwhile waits: a system that tells one every second would
-    else keep a large map from ever being ready. When the memory is used up scans
-    that others cover go first (see `Recording`): they stay in the map until it is made anew.
+    All of that is done in a thread, with a list of scans of its own; what is mapped meanwhile is
+    added when the map is taken. A trajectory that comes meanwhile waits: a system that tells one
+    every second would else keep a large map from ever being ready. When the memory is used up
+    scans that others cover go first (see `Recording`): they stay in the map until it is made anew.
     """
 
     def __init__(self, megabytes: float) -> None:
-        beams = max(1, int(megabytes * 1e6 / BYTES_A_BEAM))
-        self.recording = Recording(RecordingConfig(max_scans=MOST_SCANS, max_rays=beams))
+        limits = RecordingConfig(max_scans=MOST_SCANS, max_rays=MOST_BEAMS)
+        self.recording = Recording(limits, most_bytes=1e6 * megabytes)
         self.corrector = Corrector()
-        self._late: list[PlacedScan] = []
         self._making: _Making | None = None
-        self._waits = False  # a correction that no map in the making has
+        self._waiting: list[Nodes] = []  # trajectories that no map in the making knows
 
     def add(self, placed: PlacedScan) -> None:
         """Keep a scan that was mapped."""
         self.corrector.note(placed)
         self.recording.add(placed)
         if self._making is not None:
-            self._late.append(placed)
+            self._making.late.append(placed)
 
-    def correct(self, nodes: Nodes, config: MapperConfig) -> Corrected:
-        """Place scans anew; where any moved the map is made anew with these settings."""
-        kept = self.recording.snapshot()
-        corrected = self.corrector.applied(kept, nodes, config.resolution)
-        if corrected.moved:
-            self.recording.replace(corrected.scans)
-            self._waits = True
-            self._make(config)
-        return corrected
+    def correct(self, nodes: Nodes, config: MapperConfig) -> None:
+        """Have scans placed anew and, where any moves, the map made anew with these settings."""
+        self._waiting = [one for one in self._waiting if not _covers(nodes, one)] + [nodes]
+        self._make(config)
 
     def _make(self, config: MapperConfig) -> None:
-        """Begin to make the map anew, if a correction waits for that and none is in the making."""
-        if self._waits and self._making is None:
-            self._making, self._late = _Making(self.recording.snapshot(), config), []
-            self._waits = False
+        """Begin with the trajectories that wait, if there are any and no map is in the making."""
+        if self._waiting and self._making is None:
+            here = self.recording.copy(), self.corrector.copy()
+            self._making = _Making(*here, self._waiting, config)
+            self._waiting = []
 
     @property
     def busy(self) -> bool:
-        """Whether a map is being made."""
+        """Whether scans are being placed, or a map is being made."""
         return self._making is not None
 
     def taken(self) -> Remade | None:
-        """Return a map that is ready, with the scans that came meanwhile; None: not yet.
+        """Return what is ready, with the scans that came meanwhile; None: not yet.
 
         Raises what went wrong in the thread.
         """
@@ -83,11 +87,15 @@ class KeptScans:
         self._making = None
         if making.failure is not None:
             raise making.failure
-        for placed in self._late:
-            making.use(placed)
-        scans, self._late = making.pipeline.scans_used, []
+        assert making.corrected is not None
+        pipeline = None
+        if making.moved:
+            making.catch_up(0)
+            pipeline, self.recording = making.pipeline, making.recording
+        seconds = time.monotonic() - making.started
         self._make(making.pipeline.config)
-        return Remade(making.pipeline, scans, time.monotonic() - making.started)
+        corrected = making.corrected._replace(scans=[])
+        return Remade(pipeline, corrected, making.pipeline.scans_used, seconds)
 
     def clear(self) -> None:
         """Forget all scans and poses; a map that is being made is not taken."""
@@ -96,30 +104,61 @@ class KeptScans:
             self._making = None
         self.recording.clear()
         self.corrector.clear()
-        self._late, self._waits = [], False
+        self._waiting = []
+
+
+def _covers(one: Nodes, other: Nodes) -> bool:
+    """Whether a trajectory says something of all scans that another one speaks of."""
+    if other.stamps_ns.size == 0 or one.stamps_ns.size == 0:
+        return other.stamps_ns.size == 0
+    inside = one.stamps_ns[0] <= other.stamps_ns[0], other.stamps_ns[-1] <= one.stamps_ns[-1]
+    return bool(all(inside))
 
 
 class _Making:
-    """A map in the making, in a thread of its own."""
+    """Scans being placed and a map in the making, in a thread of its own."""
 
-    def __init__(self, scans: list[PlacedScan], config: MapperConfig) -> None:
+    def __init__(
+        self,
+        recording: Recording,
+        corrector: Corrector,
+        trajectories: list[Nodes],
+        config: MapperConfig,
+    ) -> None:
         self.pipeline = MappingPipeline(config)
+        self.recording = recording
+        self.corrected: Corrected | None = None  # by the last trajectory
+        self.moved = False
+        self.late: deque[PlacedScan] = deque()
         self.cancelled = False
         self.failure: BaseException | None = None
         self.started = time.monotonic()
-        self._scans = scans
+        self._corrector, self._trajectories = corrector, trajectories
         self.thread = threading.Thread(target=self._run, name='remap', daemon=True)
         self.thread.start()
 
     def _run(self) -> None:
         try:
-            self.pipeline.update_all(self._scans, lambda: self.cancelled)
+            scans = self.recording.snapshot()
+            for nodes in self._trajectories:
+                resolution_m = self.pipeline.config.resolution
+                self.corrected = self._corrector.applied(scans, nodes, resolution_m)
+                scans = self.corrected.scans
+                self.moved |= self.corrected.moved > 0
+            if self.moved:
+                self.recording.replace(scans)
+                self.pipeline.update_all(scans, lambda: self.cancelled)
+                self.catch_up(FEW)
         except BaseException as error:  # the node raises it where it is seen
             self.failure = error
 
-    def use(self, placed: PlacedScan) -> None:
-        """Map a scan; one that leads too far away is left out, as it would be when it comes."""
-        try:
-            self.pipeline.update(placed)
-        except GridError:
-            return
+    def catch_up(self, left: int) -> None:
+        """Map scans that came meanwhile, but for so many.
+
+        One that leads too far away is left out, as it would be when it comes.
+        """
+        while len(self.late) > left and not self.cancelled:
+            placed = self.late.popleft()
+            self.recording.add(placed)
+            with contextlib.suppress(GridError):
+                self.pipeline.update(placed)

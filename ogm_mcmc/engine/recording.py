@@ -55,13 +55,21 @@ class _Kept(NamedTuple):
 class Recording:
     """Placed scans within limits; which go first is up to `window.keep`.
 
-    With a `sampler` the memory that its window would need is a limit like the others. `let_go`
-    counts scans by the reasons of `LET_GO`.
+    With a `sampler` the memory that its window would need is a limit like the others, and with
+    `most_bytes` that of the scans themselves. `let_go` counts scans by the reasons of `LET_GO`.
     """
 
-    def __init__(self, config: RecordingConfig, sampler: SamplerConfig | None = None) -> None:
+    def __init__(
+        self,
+        config: RecordingConfig,
+        sampler: SamplerConfig | None = None,
+        *,
+        most_bytes: float = math.inf,
+    ) -> None:
         self.config = config
+        self.most_bytes = most_bytes
         self.n_rays = 0  # beams, whether they say anything or not
+        self.n_bytes = 0  # of the scans and beliefs
         self.size = NOTHING  # of the window of these scans
         self.let_go: Counter[str] = Counter()
         self.coverage = Coverage()
@@ -108,6 +116,7 @@ class Recording:
         self._scans.append(new)
         self._note_last(placement)
         self.n_rays += new.beams
+        self.n_bytes += placement.n_bytes
         self.size = self.size.with_more(new.size)
         self.coverage.add(placement)
         self._let_old_go(placement.scan.stamp_ns)
@@ -149,6 +158,7 @@ class Recording:
         return (
             len(self._scans) > config.max_scans
             or self.n_rays > config.max_rays
+            or self.n_bytes > self.most_bytes
             or (self._window is not None and self.size.n_bytes > self._window.most_bytes)
         )
 
@@ -172,6 +182,7 @@ class Recording:
         del self._scans[index]
         self.let_go[reason] += 1
         self.n_rays -= gone.beams
+        self.n_bytes -= gone.placement.n_bytes
         self.coverage.remove(gone.placement)
         box = self.size.box
         if _on_border(gone.size.box, box):
@@ -201,6 +212,7 @@ class Recording:
         for kept in scans:
             self._note_last(kept.placement)
         self.n_rays = sum(kept.beams for kept in scans)
+        self.n_bytes = sum(kept.placement.n_bytes for kept in scans)
         rays, pairs = sum(k.size.rays for k in scans), sum(k.size.pairs for k in scans)
         near = sum(k.size.near for k in scans)
         self.size = WindowSize(rays, pairs, _box_around(scans), near)
@@ -235,6 +247,17 @@ class Recording:
         """Return the scans as they are now."""
         return [kept.placement for kept in self._scans]
 
+    def copy(self) -> Recording:
+        """Return a recording of the same scans, which goes its own way from here."""
+        copy = Recording(self.config, most_bytes=self.most_bytes)
+        copy.n_rays, copy.n_bytes, copy.size = self.n_rays, self.n_bytes, self.size
+        copy.let_go, copy.coverage = self.let_go.copy(), self.coverage.copy()
+        copy._full_at, copy._window = self._full_at, self._window
+        copy._scans = self._scans.copy()
+        for frame, pose in self._last.items():
+            copy._last[frame] = pose
+        return copy
+
     def values(self) -> dict[str, object]:
         """Return what is kept, what went and why, for /diagnostics."""
         coverage, keep = self.coverage, self.config.window.keep
@@ -259,7 +282,7 @@ class Recording:
         self._last.clear()
         self.let_go.clear()
         self.coverage = Coverage()
-        self.n_rays = self._full_at = 0
+        self.n_rays = self.n_bytes = self._full_at = 0
         self.size = NOTHING
 
 

@@ -93,6 +93,13 @@ class RobotTrack:
         self._order()
         return self._poses[: self._count]
 
+    def copy(self) -> RobotTrack:
+        """Return the same track, which goes its own way from here."""
+        copy = RobotTrack(self.most)
+        copy._stamps, copy._poses = self.stamps.copy(), self.poses.copy()
+        copy._count = self._count
+        return copy
+
     def clear(self) -> None:
         """Forget everything."""
         self._count, self._sorted = 0, True

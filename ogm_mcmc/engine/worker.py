@@ -58,7 +58,11 @@ class RefinedMap(NamedTuple):
 
 
 class WorkerStatus(NamedTuple):
-    """What the worker does, how far it is, why it stopped, and what went wrong last."""
+    """What the worker does, how far it is, why it stopped, and what went wrong last.
+
+    `chain_sweeps`: of the chains that are here, whatever scans they saw; a new order goes on from
+    them, also one that comes while an index is built.
+    """
 
     state: str = 'idle'  # idle, refining poses, indexing, sampling
     scans: int = 0
@@ -70,6 +74,7 @@ class WorkerStatus(NamedTuple):
     poses: TrajectoryProgress | None = None
     stopped: str = ''
     error: str = ''
+    chain_sweeps: int = 0
 
 
 class _Order(NamedTuple):
@@ -132,6 +137,7 @@ class RefineWorker:
         self._kept = KeptSamples(samples)
         self._poses = _Poses(PosesConfig() if poses is None else poses)
         self._handed_over = 0
+        self._earlier_sweeps = 0  # of these chains with scans of before
         self._changed = threading.Condition()  # of a re-entrant lock
         # Guarded by the condition:
         self._order: _Order | None = None
@@ -223,6 +229,7 @@ class RefineWorker:
             if self._forget:
                 self._forget = False
                 self._refinement, self.status = Refinement(self.config), WorkerStatus()
+                self._earlier_sweeps = 0
                 self._poses = _Poses(self._poses.config)
                 self._kept.clear()
             self._at_work, self._order = self._order, None
@@ -240,8 +247,9 @@ class RefineWorker:
             self._failed(str(error))
         except MemoryError:
             # The index may be half grown.
-            self._refinement = Refinement(self.config)
+            self._refinement, self._earlier_sweeps = Refinement(self.config), 0
             self._kept.clear()
+            self.status = self.status._replace(chain_sweeps=0)
             self._failed(f'no memory to sample {len(order.scans)} scans: expected more')
 
     def _failed(self, text: str) -> None:
@@ -250,7 +258,7 @@ class RefineWorker:
 
     def _sample(self, order: _Order) -> None:
         scans, stop = order.scans, order.stop
-        self.status = WorkerStatus('indexing', scans=len(scans))
+        self.status = WorkerStatus('indexing', scans=len(scans), chain_sweeps=self._sweeps())
         if self._poses.config.joint:
             began = time.monotonic()
             scans = self._refine_poses(order)
@@ -269,10 +277,11 @@ class RefineWorker:
             sensor=refinement.sensor,
             no_return=refinement.no_return,
             n_bytes=refinement.window.index.n_bytes + refinement.sampler.n_bytes,
+            chain_sweeps=self._sweeps(),
         )
         next_map_at = time.monotonic()
         for progress in refinement.run(stop, lambda: bool(self._cancel)):
-            self.status = self.status._replace(progress=progress)
+            self.status = self.status._replace(progress=progress, chain_sweeps=self._sweeps())
             if progress.counted > 0:
                 self._kept.add(refinement.sampler)
             if progress.reason:
@@ -283,6 +292,10 @@ class RefineWorker:
                 self._hand_over(order, progress, final=False)
                 next_map_at = time.monotonic() + self.map_every_s
         self._end(order, progress)
+
+    def _sweeps(self) -> int:
+        sampler = self._refinement.sampler
+        return self._earlier_sweeps + (0 if sampler is None else sampler.sweeps)
 
     def _refine_poses(self, order: _Order) -> Sequence[PlacedScan]:
         """Return the scans where they are after half of the time, or when all is done."""
@@ -307,6 +320,7 @@ class RefineWorker:
             self.log(str(refinement.no_return))
         if refinement.sampler is not before:
             self._kept.clear()  # it holds the old index
+            self._earlier_sweeps += 0 if before is None else before.sweeps
         if fresh and self.state_file is not None and self.state_file.exists():
             try:
                 refinement.resume(self.state_file)

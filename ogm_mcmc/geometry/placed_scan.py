@@ -10,10 +10,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from ogm_mcmc.arrays import AnyArray
 from ogm_mcmc.geometry.pose import Pose2D, PoseBelief
 from ogm_mcmc.geometry.scan import Scan
 
 __all__ = ['PlacedScan', 'SensorMount']
+
+
+# Bytes of the objects of a placed scan without its arrays, and of an array without its numbers.
+OBJECTS = 700
+ARRAY = 112
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +40,16 @@ class PlacedScan(NamedTuple):
     def pose(self) -> Pose2D:
         """The mean of the belief."""
         return self.belief.mean
+
+    @property
+    def n_bytes(self) -> int:
+        """Memory that it takes, about; with all arrays, also those that others share."""
+        bearings, (_, covariance, particles, _) = self.scan.bearings_rad, self.belief
+        arrays: list[AnyArray] = [self.scan.ranges_m]
+        arrays.extend(array for array in (bearings, covariance) if array is not None)
+        if particles is not None:
+            arrays.extend(particles)
+        return OBJECTS + sum(array.nbytes + ARRAY for array in arrays)
 
     @classmethod
     def at(cls, scan: Scan, pose: Pose2D) -> PlacedScan:

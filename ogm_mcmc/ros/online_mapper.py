@@ -20,7 +20,7 @@ from ogm_mcmc.config.nodes import (
     NodeMapperConfig,
     OnlineMapperConfig,
 )
-from ogm_mcmc.engine.corrections import Corrected, Nodes
+from ogm_mcmc.engine.corrections import Nodes
 from ogm_mcmc.engine.kept_scans import KeptScans
 from ogm_mcmc.engine.no_returns import LiveNoReturn
 from ogm_mcmc.engine.saved_map import MapToSave, replacing_map, saved_text
@@ -121,7 +121,7 @@ class OnlineMapper(ManagedNode):
         self._remark_on_cloud(placed)
         self._look_at_no_returns(placed)
         if self.kept is not None:
-            # A cloud of particles for each scan would outgrow what `keep_scans_mb` counts.
+            # Only methods that look at clouds of particles need them again.
             if not uses_covariance(self.pipeline.config.method):
                 placed = placed._replace(belief=placed.belief._replace(particles=None))
             self.kept.add(placed)
@@ -145,15 +145,19 @@ class OnlineMapper(ManagedNode):
                 '(pose_uncertain.max_particles)'
             )
 
-    def correct(self, nodes: Nodes) -> Corrected:
-        """Place the scans anew and begin to make the map anew."""
+    def correct(self, nodes: Nodes) -> None:
+        """Begin to place the scans anew, and to make the map anew."""
         assert self.kept is not None
-        return self.kept.correct(nodes, self.pipeline.config)
+        self.kept.correct(nodes, self.pipeline.config)
 
     def take_remade(self) -> None:
         """Swap in a map that was made anew."""
         remade = None if self.kept is None else self.kept.taken()
-        if remade is not None:
+        if remade is None:
+            return
+        if self.trajectory is not None:
+            self.trajectory.last = remade.corrected
+        if remade.pipeline is not None:
             self.pipeline.take_over(remade.pipeline)
             self.maps.restart()
             self.get_logger().info(
@@ -205,6 +209,7 @@ class OnlineMapper(ManagedNode):
         recording = self.kept.recording
         return {
             'scans kept for corrections': len(recording),
+            'memory of kept scans (MB)': f'{recording.n_bytes / 1e6:.1f}',
             'scans let go': recording.let_go.total(),
             'map is being made anew': self.kept.busy,
             **(self.trajectory.values() if self.trajectory else {}),

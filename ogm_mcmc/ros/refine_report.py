@@ -19,12 +19,15 @@ __all__ = [
 
 
 def order_text(
-    scans: int, rays: int, stop: StopConfig, before: Progress | None, state_file: bool
+    scans: int, rays: int, stop: StopConfig, chain_sweeps: int, state_file: bool
 ) -> str:
-    """Return the answer to an order: what is sampled, for how long at most, from where."""
+    """Return the answer to an order: what is sampled, for how long at most, from where.
+
+    chain_sweeps  of chains that are there already
+    """
     limits = f'for at most {stop.max_time:g} s and {stop.max_sweeps} sweeps'
-    if before is not None and before.sweeps > 0:
-        start = f'goes on from the chains of {before.sweeps} earlier sweeps'
+    if chain_sweeps > 0:
+        start = f'goes on from the chains of {chain_sweeps} earlier sweeps'
     elif state_file:
         start = 'goes on from the state file if it fits, else with new chains'
     else:

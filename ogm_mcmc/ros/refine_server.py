@@ -294,7 +294,7 @@ class RefineServer(ManagedNode):
                 len(recording),
                 size.rays,
                 self.stop,
-                status.progress,
+                status.chain_sweeps,
                 bool(self.settings.state_file),
             )
             self._sampled_until, self._outdated = self.stop, False

@@ -22,13 +22,14 @@ __all__ = ['TrajectoryIntake']
 class TrajectoryIntake:
     """Receives and hands nodes to `apply`, which places scans anew and says how many.
 
+    None of `apply`: that is said later, by setting `last`.
     What cannot be used is counted and warned about like any other message; so is a GridError of
     `apply`. Raises ConfigError when `trajectory_source` names a system whose messages are not
     installed.
     """
 
     def __init__(
-        self, node: Node, intake: ScanIntake, apply: Callable[[Nodes], Corrected]
+        self, node: Node, intake: ScanIntake, apply: Callable[[Nodes], Corrected | None]
     ) -> None:
         self.intake = intake
         self.apply = apply
@@ -62,7 +63,8 @@ class TrajectoryIntake:
             )
             return
         try:
-            self.last = self.apply(Nodes(*read()))
+            corrected = self.apply(Nodes(*read()))
+            self.last = corrected or self.last
         except PoseError as error:
             problems.warn('trajectory_invalid', f'trajectory dropped: {error}')
         except GridError as error:

@@ -1,14 +1,18 @@
 """A live map made anew at corrected poses: the loop that closes, scans that come meanwhile."""
 
+import threading
 import time
+import tracemalloc
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.strategies import fan
 
 from ogm_mcmc.config import MapperConfig
-from ogm_mcmc.engine.corrections import Nodes
+from ogm_mcmc.engine.corrections import Corrector, Nodes
 from ogm_mcmc.engine.kept_scans import KeptScans
-from ogm_mcmc.geometry import PlacedScan
+from ogm_mcmc.geometry import PlacedScan, Pose2D, PoseBelief, PoseSamples
 from ogm_mcmc.pipeline import MappingPipeline
 from ogm_mcmc.simulation import WORLDS, Driving, Lidar, drive, rasterised, true_ranges
 
@@ -69,10 +73,10 @@ def test_a_loop_that_closes_makes_the_map_as_from_true_poses(loop):
     kept, live = KeptScans(100.0), mapped(said)
     for placed in said:
         kept.add(placed)
-    corrected = kept.correct(nodes_of(scans[-1].corrected), CONFIG)
-    assert corrected.covered == len(scans)
-    assert corrected.moved > 0.8 * len(scans)
+    kept.correct(nodes_of(scans[-1].corrected), CONFIG)
     remade = waited(kept)
+    assert remade.corrected.covered == len(scans)
+    assert remade.corrected.moved > 0.8 * len(scans)
     assert remade.scans == len(scans)
     best = f1_of(mapped(PlacedScan.at(one.scan, one.truth) for one in scans), building)
     assert f1_of(live, building) < best - 0.2
@@ -94,7 +98,7 @@ def test_scans_that_come_while_the_map_is_made_anew_are_in_it(loop):
     rows = [(p.pose.x_m, p.pose.y_m, p.pose.yaw_rad) for p in true]
     nodes = Nodes(np.array([p.scan.stamp_ns for p in true], np.int64), np.array(rows))
     assert not kept.busy
-    assert kept.correct(nodes, CONFIG).moved > 0
+    kept.correct(nodes, CONFIG)
     assert kept.busy
     for one in late:
         kept.add(PlacedScan.at(one.scan, one.truth))
@@ -107,7 +111,9 @@ def test_scans_that_come_while_the_map_is_made_anew_are_in_it(loop):
         same.map().probability, remade.pipeline.map().probability, equal_nan=True
     )
     # The same trajectory once more moves nothing, and nothing is made.
-    assert kept.correct(nodes, CONFIG).moved == 0
+    kept.correct(nodes, CONFIG)
+    again = waited(kept)
+    assert (again.pipeline, again.corrected.moved, again.scans) == (None, 0, 0)
     assert kept.taken() is None
 
 
@@ -120,7 +126,7 @@ def test_a_newer_trajectory_waits_for_the_map_in_the_making_and_clear_ends_it(lo
     aside = Nodes(nodes.stamps_ns, nodes.poses + np.array([5.0, 0.0, 0.0]))
     far = Nodes(nodes.stamps_ns, nodes.poses + np.array([50.0, 0.0, 0.0]))
     for one in (aside, far, nodes):
-        assert kept.correct(one, CONFIG).moved > 0
+        kept.correct(one, CONFIG)
     first, last = waited(kept), waited(kept)
     assert first.pipeline.map().spec.origin_x_m > 4.0
     assert last.pipeline.map().spec.origin_x_m < 1.0  # the one in between was never made
@@ -128,7 +134,49 @@ def test_a_newer_trajectory_waits_for_the_map_in_the_making_and_clear_ends_it(lo
     kept.correct(aside, CONFIG)
     kept.clear()
     assert (kept.taken(), kept.busy, len(kept.recording)) == (None, False, 0)
-    assert kept.correct(nodes, CONFIG).covered == 0
+    kept.correct(nodes, CONFIG)
+    assert waited(kept).corrected.covered == 0
+
+
+def test_trajectories_of_parts_are_all_applied(loop):
+    """Only one that a later trajectory covers is never looked at."""
+    _, scans = loop
+    kept = KeptScans(100.0)
+    for one in scans:
+        kept.add(PlacedScan.at(one.scan, one.said))
+    nodes = nodes_of(scans[-1].corrected)
+    middle = nodes.stamps_ns.size // 2
+    early = Nodes(nodes.stamps_ns[:middle], nodes.poses[:middle] + np.array([5.0, 0.0, 0.0]))
+    late = Nodes(nodes.stamps_ns[middle:], nodes.poses[middle:] + np.array([9.0, 0.0, 0.0]))
+    for one in (nodes, early, late):
+        kept.correct(one, CONFIG)
+    waited(kept)
+    waited(kept)
+    assert not kept.busy
+    moved = [
+        b.pose.x_m - a.truth.x_m for a, b in zip(scans, kept.recording.snapshot(), strict=True)
+    ]
+    assert np.median(moved[: len(scans) // 3]) == pytest.approx(5.0, abs=0.1)
+    assert np.median(moved[-len(scans) // 3 :]) == pytest.approx(9.0, abs=0.1)
+
+
+def test_placing_does_not_hold_up_the_node(loop, monkeypatch):
+    _, scans = loop
+    kept, go_on = KeptScans(100.0), threading.Event()
+    for one in scans[:20]:
+        kept.add(PlacedScan.at(one.scan, one.said))
+    applied = Corrector.applied
+
+    def slowly(self, *rest):
+        assert go_on.wait(20.0)
+        return applied(self, *rest)
+
+    monkeypatch.setattr(Corrector, 'applied', slowly)
+    kept.correct(nodes_of(scans[-1].corrected), CONFIG)
+    kept.add(PlacedScan.at(scans[20].scan, scans[20].said))  # while scans are being placed
+    assert kept.taken() is None
+    go_on.set()
+    assert waited(kept).scans == len(kept.recording) == 21
 
 
 def test_what_goes_wrong_in_the_thread_is_seen(loop, monkeypatch):
@@ -146,12 +194,35 @@ def test_what_goes_wrong_in_the_thread_is_seen(loop, monkeypatch):
         waited(kept)
 
 
-def test_memory_for_ranges_is_a_limit(loop):
+def test_memory_of_scans_is_a_limit(loop):
+    """Whatever it is used for: ranges, bearings, covariances, particles."""
     _, scans = loop
-    kept = KeptScans(1.0)
-    kept.recording.configure(kept.recording.config.__class__(max_rays=120 * 60))
+    plain = PlacedScan.at(scans[0].scan, scans[0].truth)
+    cloud = PoseSamples.checked(np.zeros((50, 3)))
+    bent = replace(plain.scan, bearings_rad=plain.scan.bearings())
+    doubted = PlacedScan(bent, PoseBelief(plain.pose, np.eye(3), cloud))
+    more = 120 * 8 + 9 * 8 + 50 * 4 * 8
+    assert more < doubted.n_bytes - plain.n_bytes < more + 500
+    kept = KeptScans(60 * plain.n_bytes / 1e6)
     for one in scans:
         kept.add(PlacedScan.at(one.scan, one.truth))
-    assert len(kept.recording) <= 60
+        assert kept.recording.n_bytes <= kept.recording.most_bytes
+    assert 50 <= len(kept.recording) <= 60
+    assert kept.recording.n_bytes == sum(one.n_bytes for one in kept.recording.snapshot())
     assert len(kept.recording) + kept.recording.let_go.total() == len(scans)
     assert len(kept.corrector.track) == len(scans)
+    kept.clear()
+    assert kept.recording.n_bytes == 0
+
+
+def test_what_scans_take_is_what_is_counted():
+    def made(k):
+        scan = fan(*np.linspace(1.0, 2.0, 200), increment=0.01, stamp_ns=10**18 + k)
+        belief = PoseBelief(Pose2D(0.1 * k, 0.3 * k, 0.2), np.eye(3) * k)
+        return PlacedScan(scan, belief)
+
+    tracemalloc.start()
+    scans = [made(k) for k in range(200)]
+    took, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert sum(one.n_bytes for one in scans) == pytest.approx(took, rel=0.25)

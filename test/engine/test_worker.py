@@ -131,6 +131,32 @@ def test_the_same_scans_go_on_counting(make):
     assert worker.status.progress.counted == 55
 
 
+def test_the_status_knows_of_the_chains_while_an_index_is_built(make, monkeypatch):
+    """An order that comes meanwhile goes on from them, and can say so."""
+    worker, some = make(), scans(5)
+    stop = StopConfig(max_sweeps=30, max_time=1e6, r_hat=0.0)
+    worker.refine(some[:4], stop)
+    until(lambda: worker.status.stopped == 'sweeps')
+    assert worker.status.chain_sweeps == 30
+    building, go_on, take = threading.Event(), threading.Event(), Refinement.take
+
+    def slowly(self, scans):
+        building.set()
+        assert go_on.wait(20.0)
+        return take(self, scans)
+
+    monkeypatch.setattr(Refinement, 'take', slowly)
+    worker.refine(some, stop)
+    assert building.wait(20.0)
+    assert (worker.status.state, worker.status.chain_sweeps) == ('indexing', 30)
+    assert worker.status.progress is None
+    go_on.set()
+    until(lambda: worker.status.stopped == 'sweeps')
+    assert (worker.status.scans, worker.status.chain_sweeps) == (5, 60)
+    worker.clear()
+    until(lambda: worker.status.chain_sweeps == 0)
+
+
 def test_stop_brings_a_last_map_at_once(make):
     worker = make(map_every_s=1e6)
     assert worker.stop() is False

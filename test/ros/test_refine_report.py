@@ -18,14 +18,14 @@ def progress(share, sweeps=120):
 
 
 def test_the_answer_says_how_much_how_long_and_from_where():
-    text = order_text(8, 900, STOP, None, False)
+    text = order_text(8, 900, STOP, 0, False)
     assert text == (
         'sampling 8 scans, 900 rays, for at most 40 s and 500 sweeps; begins with new chains'
     )
-    assert order_text(8, 900, STOP, progress(0.5), True).endswith(
+    assert order_text(8, 900, STOP, 120, True).endswith(
         'goes on from the chains of 120 earlier sweeps'
     )
-    assert 'state file' in order_text(8, 900, STOP, None, True)
+    assert 'state file' in order_text(8, 900, STOP, 0, True)
 
 
 def test_progress_is_in_percent_of_the_limit():

@@ -59,13 +59,13 @@ def test_the_live_map_is_made_anew_and_swapped_in():
         walk(node)
         before = node.pipeline.map()
         node.trajectory.on_path(CORRECTED)
-        last = node.trajectory.last
-        assert (last.covered, last.moved) == (SCANS - 2, SCANS - 2)
-        assert last.furthest_m == pytest.approx(0.05 * (SCANS - 2), abs=1e-6)
         deadline = time.monotonic() + 30.0
         while node.kept.busy and time.monotonic() < deadline:
             node.on_housekeeping()
             time.sleep(0.01)
+        last = node.trajectory.last
+        assert (last.covered, last.moved) == (SCANS - 2, SCANS - 2)
+        assert last.furthest_m == pytest.approx(0.05 * (SCANS - 2), abs=1e-6)
         after = node.pipeline.map()
         assert node.pipeline.scans_used == SCANS
         assert (after.spec, before.spec) != (before.spec, after.spec) or (
