@@ -69,8 +69,8 @@ class PatchTableConfig:
     )
     strength: float = setting(
         1.0,
-        'power that the learned probabilities are raised to before they are cut off; above 1 '
-        'what is likely becomes likelier; 1: as counted',
+        'power that the probabilities of the table, floors too, are raised to; above 1 what is '
+        'likely becomes likelier; 1: as counted',
         low=0.1,
         high=10.0,
     )

@@ -2,7 +2,6 @@
 
 import math
 from collections import Counter
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -126,28 +125,19 @@ def test_the_floor_can_be_bounded(counts):
     assert mass_per_entry(table) == pytest.approx(1.0, abs=1e-12)
 
 
-@pytest.mark.parametrize(('prior', 'size'), [('border', 9), ('border', 1), ('patch', 9)])
+@pytest.mark.parametrize(('prior', 'size'), LEARNED)
 def test_a_stronger_prior_is_the_counted_one_to_a_power(counts, prior, size):
-    every = PatchTableConfig(min_probability=0.0, min_share=0.0)
-    counted = make_table(prior, size, counts, every)
-    stronger = make_table(prior, size, counts, replace(every, strength=1.7))
-    patterns = np.arange(2**size)
-    for border in (0, 0b11111, 0b1011, 0b111001):
-        powers = np.exp(1.7 * log_probabilities(counted, border, patterns))
-        p = np.exp(log_probabilities(stronger, border, patterns))
-        assert p == pytest.approx(powers / powers.sum(), rel=1e-9)
-
-
-def test_a_stronger_prior_of_25_cells_leaves_what_was_never_seen_less(counts):
-    every = PatchTableConfig(min_share=0.0)
-    patterns, seen = counts.squares.by_pattern(5)
-    table = make_table('patch', 25, counts, replace(every, strength=1.5))
-    total = seen.sum() + seen.size
-    unseen = 2**25 - patterns.size
-    powers = (seen / total) ** 1.5
-    whole = powers.sum() + unseen * (seen.size / total / unseen) ** 1.5
-    p = np.exp(log_probabilities(table, 0, patterns))
-    assert p == pytest.approx(powers / whole, rel=1e-9)
+    """Of all patterns, the floor of those that are not listed too."""
+    counted = make_table(prior, size, counts)
+    stronger = make_table(prior, size, counts, PatchTableConfig(strength=1.7))
+    others = 2**size - listed_per_entry(counted)
+    powers = np.exp(1.7 * counted.log_probability)
+    whole = np.add.reduceat(powers, counted.start[:-1]) + others * np.exp(1.7 * counted.floor)
+    listed = powers / np.repeat(whole, listed_per_entry(counted))
+    assert np.exp(stronger.log_probability) == pytest.approx(listed, rel=1e-9)
+    assert np.exp(stronger.floor) == pytest.approx(np.exp(1.7 * counted.floor) / whole, rel=1e-9)
+    assert mass_per_entry(stronger) == pytest.approx(1.0, abs=1e-9)
+    assert np.array_equal(stronger.candidates, counted.candidates)
 
 
 def test_one_border_by_hand():
