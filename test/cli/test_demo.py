@@ -12,8 +12,8 @@ pytest.importorskip('rclpy', reason='rclpy is not installed: no demo')
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 
-def test_demo_without_input_maps_the_simulated_building(run_cli, tmp_path):
-    done = run_cli('demo', '-o', 'out/demo', '--json', timeout=200)
+def test_demo_without_input_maps_the_simulated_building(run_process, tmp_path):
+    done = run_process('demo', '-o', 'out/demo', '--json', timeout=200)
     assert done.returncode == 0, done.stderr
     result = json.loads(done.stdout)
     assert result['scans_used'] == result['scans_received'] == 1158
@@ -44,9 +44,9 @@ def test_demo_without_input_maps_the_simulated_building(run_cli, tmp_path):
 
 
 @pytest.mark.data
-def test_demo_maps_a_log(run_cli, tmp_path, data_folder):
+def test_demo_maps_a_log(run_process, tmp_path, data_folder):
     log = data_folder / 'carmen' / 'belgioioso-corrected.log.gz'
-    done = run_cli('demo', log, '-o', 'out', '--sampling-time', '3', '--json', timeout=200)
+    done = run_process('demo', log, '-o', 'out', '--sampling-time', '3', '--json', timeout=200)
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)['scans_used'] == 395
     assert done.stderr.count('no_return auto: ignore, ') == 2  # said by both nodes
@@ -56,8 +56,8 @@ def test_demo_maps_a_log(run_cli, tmp_path, data_folder):
     assert (tmp_path / 'out' / 'maps.png').is_file()
 
 
-def test_demo_refuses_before_it_starts(run_cli, tmp_path):
-    done = run_cli('demo', '-o', 'out', '--sampling-time', '0')
+def test_demo_refuses_before_it_starts(run_process, tmp_path):
+    done = run_process('demo', '-o', 'out', '--sampling-time', '0')
     assert done.returncode == 2
     assert 'max_time is 0.0: expected a number from 0.01' in done.stderr
     assert not (tmp_path / 'out').exists()

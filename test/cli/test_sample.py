@@ -295,15 +295,15 @@ def test_short_names_are_all_different():
     assert SHORT['chain.prior'] == '--cell-prior'
 
 
-def test_as_a_user_runs_it(run_cli, office_bag, tmp_path):
+def test_as_a_user_runs_it(run_process, office_bag, tmp_path):
     """From a shell, with a person's output; a wrong bag says so before anything else."""
     few = [option for option in FEW[:-2] if option != '--json']
-    done = run_cli('sample', office_bag, '-o', 'out', *few, '--r-hat', '1.2', '--name', 'm')
+    done = run_process('sample', office_bag, '-o', 'out', *few, '--r-hat', '1.2', '--name', 'm')
     assert done.returncode == 0, done.stderr
     assert 'Traceback' not in done.stderr
     assert (tmp_path / 'out' / 'm.yaml').exists()
     assert '% agree; stopped: ' in done.stdout
-    done = run_cli('sample', 'nowhere', '-o', 'there')
+    done = run_process('sample', 'nowhere', '-o', 'there')
     assert done.returncode == 2
     assert 'nowhere: no such file or folder' in done.stderr
 

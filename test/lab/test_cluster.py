@@ -324,10 +324,10 @@ def test_no_scheduler(monkeypatch, tmp_path, capsys):
         ('tls://127.0.0.1:9', "expected what distributed.comm of Dask's configuration allows"),
     ],
 )
-def test_an_address_that_cannot_be_is_one_line_at_once(run_cli, tmp_path, address, reason):
+def test_an_address_that_cannot_be_is_one_line_at_once(run_process, tmp_path, address, reason):
     """A process of its own: what is left of a client speaks when Python ends."""
     pytest.importorskip('distributed')
-    done = run_cli('experiment', 'pose-sim', '--quick', '--scheduler', address, timeout=60)
+    done = run_process('experiment', 'pose-sim', '--quick', '--scheduler', address, timeout=60)
     assert done.returncode == 2
     (line,) = done.stderr.splitlines()
     assert line.startswith(f'ogm_mcmc experiment: error: scheduler {address}: ')

@@ -36,7 +36,8 @@ def load_scene(path: Path) -> Scene:
     A range of F cells means that nothing was hit. Raises BagError when it is not such a file.
     """
     try:
-        with np.load(path) as data:
+        # Opened here: numpy leaves a file open that it cannot read.
+        with path.open('rb') as stream, np.load(stream) as data:
             resolution, limit = float(data['res']), float(data['F'])
             poses, angles, cells = data['poses'], data['ang'], data['z']
     except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:

@@ -153,6 +153,7 @@ def start_slow(tmp_path):
         process.communicate()
 
 
+@pytest.mark.alone
 @pytest.mark.skipif(not Path('/proc/self/stat').exists(), reason='looks for processes in /proc')
 @pytest.mark.parametrize('to_all', [False, True], ids=['to the command', 'to its workers, too'])
 @pytest.mark.parametrize(('how', 'code'), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
