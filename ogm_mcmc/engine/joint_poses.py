@@ -89,6 +89,13 @@ class PoseRefinement:
             'moved_m': round(math.sqrt(float(squares[:2].sum())), 6),
             'moved_deg': round(math.degrees(math.sqrt(float(squares[2]))), 6),
         }
+        if self.estimator.point_spread is not None:
+            low, found, high = self.estimator.point_spread
+            figures['point_deviation_m'] = round(found, 6)
+            figures['point_deviation_95_m'] = [round(low, 6), round(high, 6)]
+        figures['belief_scale'] = round(self.estimator.belief_scale, 6)
+        held = self.estimator.held
+        figures['held_by_points'] = None if math.isnan(held) else round(held, 6)
         spread = _deviations(self.estimator.covariances())
         if self.estimator.covariances_known:
             place = np.sqrt((spread[:, :2] ** 2).sum(axis=1))

@@ -213,6 +213,28 @@ class TrajectoryRefinement:
             time.monotonic() - self._began,
         )
 
+    # -- sensor numbers out -----------------------------------------------------------------
+
+    @property
+    def point_spread(self) -> tuple[float, float, float] | None:
+        """Standard deviation of a point around its line, m, between the ends of its 95 % interval.
+
+        None before the first step. The interval takes points for independent.
+        """
+        if self._system is None:
+            return None
+        spread = math.sqrt(self._system.variance)
+        half = 1.96 * spread * 0.5 * self._system.doubt
+        return max(spread - half, 0.0), spread, spread + half
+
+    @property
+    def belief_scale(self) -> float:
+        """How many times the covariances of beliefs are what they say, as taken by now."""
+        if not self.factors.said.any():
+            return 1.0
+        k = int(np.argmax(self.factors.said))
+        return float(self._said.precision[k, 0, 0] / self.factors.precision[k, 0, 0])
+
     # -- poses out --------------------------------------------------------------------------
 
     def trajectory(self) -> list[Pose2D]:

@@ -65,7 +65,8 @@ class SurfelSystem(NamedTuple):
     """The log-likelihood around poses: A entries of V surfels, see `surfel_kernels`.
 
     `variance` is that of a point around its line, m^2, as the points themselves show it; `slope`
-    is the mean change of r f(r / cut) with r, as a share of the mean weight.
+    is the mean change of r f(r / cut) with r, as a share of the mean weight, `doubt`
+    the standard deviation of the variance, as a share of it, points taken for independent.
     """
 
     residual: Float64Array
@@ -78,6 +79,7 @@ class SurfelSystem(NamedTuple):
     gradient: Float64Array
     variance: float
     slope: float
+    doubt: float
 
     @classmethod
     def around(cls, points: ScanPoints, poses: Float64Array, stage: Stage) -> SurfelSystem:
@@ -88,14 +90,16 @@ class SurfelSystem(NamedTuple):
         mean = np.empty(shift)
         centre(residual, weight, surfel, total, mean)
         off = residual - mean[surfel]
-        variance, slope = _spread(off, weight, int(np.count_nonzero(total)), stage.cut_m)
+        variance, slope, doubt = _spread(off, weight, int(np.count_nonzero(total)), stage.cut_m)
         weight /= variance
         total /= variance
         n_scans = points.n_scans
         gradient, blocks = np.zeros((n_scans, 3)), np.zeros((n_scans, 3, 3))
         gather(-off, jacobian, weight, scan, gradient)
         own_blocks(jacobian, weight, scan, blocks)
-        return cls(off, jacobian, weight, surfel, scan, total, blocks, gradient, variance, slope)
+        return cls(
+            off, jacobian, weight, surfel, scan, total, blocks, gradient, variance, slope, doubt
+        )
 
     def times(self, x: Float64Array) -> Float64Array:
         """Return the precision times x (K, 3)."""
@@ -136,14 +140,15 @@ def _entries(
 
 def _spread(
     off: Float64Array, weight: Float64Array, surfels: int, cut_m: float
-) -> tuple[float, float]:
-    """Return the variance of a point that counts in full, m^2, and the slope of its influence.
+) -> tuple[float, float, float]:
+    """Return variance (of a point that counts in full, m^2), slope and doubt of `SurfelSystem`.
 
-    Such that (sum of weights) / variance is the information that the points have of a common
-    distance: sum psi'(r)^2 / sum psi(r)^2 for the influence psi(r) = f(r / cut) r (Huber 1964).
+    The variance is such that (sum of weights) / variance is the information that the points have
+    of a common distance: sum psi'(r)^2 / sum psi(r)^2 for the influence psi(r) = f(r / cut) r
+    (Huber 1964).
     """
     if off.size == 0:
-        return 1.0, 1.0
+        return 1.0, 1.0, 1.0
     squares = 0.25 * (off / cut_m) ** 2
     share = 1.0 / len(LAYERS)
     influence = (weight / share * off) ** 2 * share
@@ -153,7 +158,10 @@ def _spread(
     # Where a line is and how it runs was taken from the points themselves.
     freedom = max(1.0 - 2.0 * share * surfels / points, 0.1)
     slope = max(slope, 0.1)
-    return max(float(influence.sum()) / (slope**2 * weights * freedom), 1e-8), slope
+    variance = float(influence.sum()) / (slope**2 * weights * freedom)
+    middle = max(float(influence.mean()), 1e-30)
+    doubt = float(influence.std()) / middle / np.sqrt(points * freedom)
+    return max(variance, 1e-8), slope, doubt
 
 
 def _layer(

@@ -35,6 +35,10 @@ def test_poses_get_better_and_say_how_good_they_are() -> None:
     assert (spread[:, :2] > 0.05 / np.sqrt(10.0) * 0.6).all()
     assert (spread[:, :2] < 0.05).all()
     assert (np.abs(whole.poses - TRUTH) < 4.0 * spread).all()
+    low, found, high = whole.point_spread
+    assert 0.0 < low < found < high
+    assert high - found == pytest.approx(found - low)
+    assert 0.2 < whole.held <= 1.0
 
 
 def test_stopping_and_going_on_changes_nothing() -> None:
@@ -51,6 +55,8 @@ def test_stopping_and_going_on_changes_nothing() -> None:
 def test_covariances_are_unknown_before_there_are_draws() -> None:
     fresh = refinement()
     assert fresh.beliefs()[0].covariance is None
+    assert fresh.point_spread is None
+    assert fresh.belief_scale == 1.0
     np.testing.assert_allclose(fresh.poses, START)
 
 
@@ -71,6 +77,7 @@ def test_a_shy_localizer_is_believed_more_than_it_says() -> None:
             pass
         # Ten beliefs speak against ten more that are taken to be as sure as they say.
         ratio = one.factors.precision[0, 0, 0] / said[0, 0]
+        assert one.belief_scale == pytest.approx(1.0 / ratio)
         assert ratio == pytest.approx(1.8 if rescale else 1.0, abs=0.3 * rescale)
 
 

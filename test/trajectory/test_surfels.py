@@ -92,3 +92,14 @@ def test_scans_that_share_nothing_stay_as_believed() -> None:
     points = ScanPoints.of(scans_of(TRUTH[:2], 2, 0.0))
     poses, _ = align(points, apart, factors_around(apart, (0.3, 0.3, 0.1)), STAGE)
     np.testing.assert_allclose(poses, apart)
+
+
+def test_the_spread_of_points_scatters_as_its_doubt_says() -> None:
+    found, doubt = [], 0.0
+    for seed in range(40):
+        points = ScanPoints.of(scans_of(TRUTH, 90, 0.01, seed))
+        system = SurfelSystem.around(points, TRUTH, STAGE)
+        found.append(system.variance)
+        doubt = system.doubt
+    # Doubt counts each point once, though its four squares err in part apart.
+    assert 0.4 < np.std(found) / np.mean(found) / doubt < 1.3

@@ -9,7 +9,7 @@ from ogm_mcmc.lab.experiments.pose_sim import pooled
 
 @pytest.mark.slow
 def test_one_building() -> None:
-    found = joint_sim.score(8, 1, 'poor filter', 1)
+    found = joint_sim.score(10, 1, 'poor filter', 1)
     errors = found['errors']
     assert errors[joint_sim.JOINT]['mean_m'] < 0.6 * errors[joint_sim.LIKELIEST]['mean_m']
     assert errors[joint_sim.EXACT]['max_m'] < 1e-9
