@@ -10,7 +10,7 @@ from ogm_mcmc.evaluation import LikelihoodField, ProbabilityBeams
 from ogm_mcmc.geometry import GridMap, GridSpec, Pose2D
 from ogm_mcmc.lab.experiments import localization
 from ogm_mcmc.lab.experiments.localization_logs import Log, log_of
-from ogm_mcmc.lab.experiments.localization_maps import some_beams
+from ogm_mcmc.lab.experiments.localization_maps import READERS, some_beams
 from ogm_mcmc.sensors.forward_model import ForwardModel
 from ogm_mcmc.simulation import GridWorld, Lidar, OdometryNoise
 from ogm_mcmc.trajectory.points import poses_of
@@ -101,3 +101,29 @@ def test_log_of_a_building_is_scans_along_a_way():
     assert np.hypot(steps[:, 0], steps[:, 1]).max() < 1.0
     drift = np.hypot(*(log.odometry - log.reference)[-1, :2])
     assert drift > 0.5
+
+
+def test_rows_say_what_each_reader_came_to(tmp_path, monkeypatch):
+    def pretended(folder, work, datasets, **_):
+        return {
+            name: {
+                reader: {
+                    'error_m': 0.1 * arguments['number'],
+                    'error_deg': 1.0,
+                    'lost': arguments['number'] - 1,
+                    'found': arguments['share'],
+                }
+                for reader in READERS
+            }
+            for name, arguments in datasets.items()
+        }
+
+    monkeypatch.setattr(localization, 'run_all', pretended)
+    result = localization.run(tmp_path, quick=True, seed=1)
+    rows = {line['what']: line for line in result['rows']}
+    assert len(rows) == len(result['rows']) == 2 * len(READERS)
+    line = rows['building-9, 25 %: border mean, first hits, m']
+    assert line['ours'] == pytest.approx(0.15)
+    expected = '+- 0.050; 1.00 +- 0.00 degrees; lost 0.50 +- 0.50; found 0.25 +- 0.00'
+    assert line['remark'] == expected
+    assert all((tmp_path / name).exists() for name in result['pictures'])
