@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ogm_mcmc.geometry import GridSpec, PlacedScan, Pose2D
+from ogm_mcmc.geometry import GridMap, GridSpec, PlacedScan, Pose2D
 from ogm_mcmc.lab.experiments import exploration
 from ogm_mcmc.lab.experiments.exploration_views import LIVE, POLICIES, SAMPLES, Explorer
 from ogm_mcmc.simulation import GridWorld, Lidar
@@ -75,3 +75,13 @@ def test_a_robot_that_covers_more_the_further_it_goes(monkeypatch):
     assert 0.0 < found['area_m2'][0] <= found['area_m2'][1]
     assert found['driven_m'] <= 8.0
     assert found['stops'] >= 2
+
+
+def test_f1_takes_what_was_never_measured_as_free(rooms):
+    """Half of the walls of all: recall one half, precision one, F1 two thirds."""
+    walls = np.argwhere((rooms.occupied == 1) & rooms.observable())
+    probability = np.full(rooms.occupied.shape, np.nan, np.float32)
+    probability[tuple(walls[::2].T)] = 0.9
+    found = exploration._f1(GridMap(rooms.spec, probability), rooms)
+    share = len(walls[::2]) / len(walls)
+    assert found == pytest.approx(2.0 * share / (1.0 + share))
