@@ -39,9 +39,9 @@ test: $(READY)
 	$(PY) -m pytest -m 'alone and not full' $(ALONE) || failed=1; \
 	exit $$failed
 
-# What several workers would otherwise compile each for itself.
+# What several workers would otherwise compile each for itself; tests say what is wrong with it.
 kernels: $(READY)
-	$(PY) test/support/kernel_caches.py
+	-$(PY) test/support/kernel_caches.py
 
 test-fast: kernels
 	$(PY) -m pytest $(WORKERS) -m 'not full and not slow and not ros'
