@@ -107,6 +107,11 @@ class Workers(Executor):
         done: Future[Any] = self._pool.submit(fn, *args, **kwargs)
         return done
 
+    def at(self, worker: str) -> Executor:
+        """Return one of the workers alone; what it is given waits for it if it is gone."""
+        alone: Executor = self.client.get_executor(pure=False, retries=RETRIES, workers=[worker])
+        return alone
+
     def share(self, data: bytes) -> Any:
         """Send something to every worker, once; return what stands for it in tasks."""
         return self.client.scatter(data, broadcast=True, hash=False)

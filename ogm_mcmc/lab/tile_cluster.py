@@ -12,10 +12,10 @@ and give what they would have given.
 
 from __future__ import annotations
 
-import resource
 import threading
 from collections.abc import Sequence
-from concurrent.futures import CancelledError
+from concurrent.futures import CancelledError, Executor, Future
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from ogm_mcmc.config import SamplerConfig
@@ -51,6 +51,7 @@ class ClusterTiles:
         self._token = ''
         self._tiling: Tiling | None = None
         self._holder: list[str] = []
+        self._pools: dict[str, Executor] = {}
         self.traffic = Traffic()
 
     def hold(self, config: SamplerConfig, scans: Sequence[PlacedScan], tiling: Tiling) -> Held:
@@ -89,15 +90,14 @@ class ClusterTiles:
 
     # -- what waiting jobs ask for ------------------------------------------------------------
 
-    def submit(self, task: Any, tile: int, *more: Any) -> tuple[Any, str]:
+    def submit(self, task: Any, tile: int, *more: Any) -> tuple[Future[Any], str]:
         """Send a task about a tile to its worker; return what comes of it, and the worker."""
         with self._lock:
             holder, shared = self._holder[tile], self._shared
-        about = self._token, shared, self._tiling, tile
-        future = self._workers.client.submit(
-            task, *about, *more, workers=[holder], pure=False, retries=RETRIES
-        )
-        return future, holder
+            pool = self._pools.get(holder)
+            if pool is None:
+                pool = self._pools[holder] = self._workers.at(holder)
+        return pool.submit(task, self._token, shared, self._tiling, tile, *more), holder
 
     def received(self, found: Any) -> None:
         """Count an answer."""
@@ -188,6 +188,11 @@ def draw_tile(token: str, parcel: bytes, tiling: Tiling, tile: int, job: TileJob
     return _sampler_of(token, parcel, tiling, tile).draw(job)
 
 
-def peak_mb() -> float:
-    """Return the most memory that this process has had, MB; Python and kernels included."""
-    return round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3, 1)
+def peak_mb() -> float | None:
+    """Return the most memory that this process has had, MB; None where that is not known."""
+    # Not `ru_maxrss`: that of a child process begins with what its parent had.
+    status = Path('/proc/self/status')
+    for line in status.read_text().splitlines() if status.exists() else []:
+        if line.startswith('VmHWM:'):
+            return round(int(line.split()[1]) / 1e3, 1)
+    return None

@@ -69,7 +69,7 @@ def dask_cluster():
         n_workers=2,
         threads_per_worker=1,
         host='127.0.0.1',
-        dashboard_address=None,
+        dashboard_address=':0',  # any port: tests run beside each other
         silence_logs='CRITICAL',
     ) as running:
         yield running
