@@ -362,7 +362,7 @@ class Refinement:
     def draws(self) -> int:
         """Maps of all chains that the posterior mean is the mean of."""
         assert self.sampler is not None
-        return max(self.sampler.counted, 1) * len(self.sampler.states)
+        return self.sampler.draws
 
     def settings(self) -> dict[str, Any]:
         """Return what decided the samples: results carry it."""

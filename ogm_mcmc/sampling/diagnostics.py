@@ -74,6 +74,16 @@ class BatchCounts:
         total: AnyArray = self.counts.sum(axis=0, dtype=np.int64)
         return total
 
+    @property
+    def n_recent(self) -> int:
+        """Sweeps that `recent` counts."""
+        return (self.full - self.full // 2) * self.batch_length + self.in_last
+
+    def recent(self) -> AnyArray:
+        """Counts (C,) over the later half of the batches and the one being filled, int64."""
+        recent: AnyArray = self.counts[self.full // 2 : self.full + 1].sum(axis=0, dtype=np.int64)
+        return recent
+
     def batches(self) -> AnyArray:
         """Counts (B, C) of the full batches."""
         return self.counts[: self.full]

@@ -247,9 +247,9 @@ def draw_index(rng, log_weights, count, weights):
 
 @kernel
 def sweep_patches(
-    rng, corners, side, inner, ring, escape, random_share, flip_cells, entry_of_border, start,
-    candidates, log_probability, floor, cells, records, bits, marks, lists, full, gain, near,
-    near_bits, front, tiles, runs, run_lengths, rays, ray_bits, grid,
+    rng, corners, side, inner, ring, escape, random_share, flip_cells, whole_share,
+    entry_of_border, start, candidates, log_probability, floor, cells, records, bits, marks, lists,
+    full, gain, near, near_bits, front, tiles, runs, run_lengths, rays, ray_bits, grid,
 ):  # fmt: skip
     """Draw one patch after the other given its border and all rays; return the flipped cells.
 
@@ -259,6 +259,7 @@ def sweep_patches(
                   0, patterns that are not listed count as impossible, as published
     flip_cells    so many cells of each patch, from a random one on, are drawn afterwards one by
                   one given the others, whatever the table lists
+    whole_share   share of patches that are drawn as a whole before that
     """
     cells, records, bits = borrowed(cells), borrowed(records), borrowed(bits)
     marks, lists, full, gain = borrowed(marks), borrowed(lists), borrowed(full), borrowed(gain)
@@ -285,9 +286,10 @@ def sweep_patches(
         reckless = random_share > 0.0 and rng.random() < random_share
         current = read_pattern(cells, corner, inner)
         settled = random_share == 0.0 or current == candidates[first]
+        cells_only = whole_share < 1.0 and rng.random() >= whole_share
         chosen = current
         listed = place_in(candidates, first, last, current) >= 0
-        if n_options == 1 and settled and not (beyond or reckless):
+        if cells_only or (n_options == 1 and settled and not (beyond or reckless)):
             pass  # one candidate: no ray can change that
         elif reckless:
             chosen = np.int64(rng.random() * patterns)

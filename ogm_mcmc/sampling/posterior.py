@@ -94,6 +94,9 @@ class PosteriorSampler:
     which a ray arrives. Which these are is decided anew after 16 counted sweeps, 32, 64, ..., and
     follows from the counts up to then; in between every patch has a fixed chance to be drawn,
     which leaves the posterior as it is.
+
+    Sweeps of the burn-in are counted apart, for a map to show before there are others: the later
+    half of them, until as many have been counted that count.
     """
 
     round_s = 0.1
@@ -114,6 +117,8 @@ class PosteriorSampler:
         with ThreadPoolExecutor(max(len(starts), 1)) as pool:
             self.states = list(pool.map(model.start, starts))
         self.counts = [BatchCounts(model.touched.size) for _ in starts]
+        # Sweeps of the burn-in, by chain, as long as a map is made of them.
+        self._settling = [BatchCounts(model.touched.size) for _ in starts if burn_in > 0]
         self._focus: dict[int, tuple[int, Any]] = {}  # by chain, and when it was decided
 
     def advance(self, n_sweeps: int) -> int:
@@ -122,18 +127,22 @@ class PosteriorSampler:
         with ThreadPoolExecutor(n_chains) as pool:
             flips = sum(pool.map(self._advance_one, range(n_chains), [n_sweeps] * n_chains))
         self.sweeps += n_sweeps
+        if self.sweeps > self.burn_in and not self._helping():
+            self._settling = []
         return flips
 
     def _advance_one(self, chain: int, n_sweeps: int) -> int:
         flips = 0
         state, counts = self.states[chain], self.counts[chain]
+        settled = self._settling[chain] if self._settling else None
         for i in range(n_sweeps):
             settling = self.sweeps + i < self.burn_in
             focus = None if settling else self._focus_of(chain)
             flips += self.model.advance(self.rngs[chain], state, settling=settling, focus=focus)
-            if not settling:
-                add_occupied(state.cells, self.model.touched, counts.row)
-                counts.sweep_added()
+            into = settled if settling else counts
+            if into is not None:
+                add_occupied(state.cells, self.model.touched, into.row)
+                into.sweep_added()
         return flips
 
     def _focus_of(self, chain: int) -> Any:
@@ -156,15 +165,28 @@ class PosteriorSampler:
         return self.counts[0].n_sweeps
 
     def estimate(self) -> Estimate:
-        """Return the posterior mean so far; before the end of the burn-in, of the present maps."""
-        counted = self.counted
-        if counted == 0:
-            totals = [state.cells[self.model.touched] for state in self.states]
-        else:
-            totals = [counts.total() for counts in self.counts]
-        total = np.asarray(totals, np.float64).sum(axis=0)
-        mean: Float32Array = (total / (max(counted, 1) * len(totals))).astype(np.float32)
-        return Estimate(mean, counted)
+        """Return the posterior mean so far; before the first sweep, of the starts.
+
+        Until enough sweeps count those of the later half of the burn-in help out.
+        """
+        parts = [counts.total() for counts in self.counts if counts.n_sweeps > 0]
+        parts += [counts.recent() for counts in self._helping() if counts.n_sweeps > 0]
+        if not parts:
+            parts = [state.cells[self.model.touched] for state in self.states]
+        total = np.zeros(self.model.touched.size)
+        for part in parts:
+            total += part
+        mean: Float32Array = (total / self.draws).astype(np.float32)
+        return Estimate(mean, self.counted)
+
+    @property
+    def draws(self) -> int:
+        """Maps of all chains that `estimate` is the mean of."""
+        helping = sum(counts.n_recent for counts in self._helping())
+        return max(self.counted * len(self.states) + helping, len(self.states))
+
+    def _helping(self) -> list[BatchCounts]:
+        return [counts for counts in self._settling if counts.n_recent > self.counted]
 
     def quality(self) -> ChainQuality | None:
         """Judge the chains (see `assess`); None while they are too short."""
@@ -204,18 +226,21 @@ class PosteriorSampler:
     def n_bytes(self) -> int:
         """Memory of states and counts."""
         states = sum(array.nbytes for state in self.states for array in state)
-        return int(states + sum(counts.counts.nbytes for counts in self.counts))
+        counted = sum(counts.counts.nbytes for counts in (*self.counts, *self._settling))
+        return int(states + counted)
 
     def save(self, path: Path, settings: dict[str, Any]) -> None:
         """Write everything that `load` needs to go on as if nothing had happened."""
         arrays: dict[str, Any] = {}
-        for j, (state, counts) in enumerate(zip(self.states, self.counts, strict=True)):
+        for j, state in enumerate(self.states):
             arrays[f'cells_{j}'] = np.packbits(state.cells)
-            arrays[f'counts_{j}'] = counts.counts
-            arrays[f'progress_{j}'] = (counts.batch_length, counts.full, counts.in_last)
+        for number, counts in enumerate((*self.counts, *self._settling)):
+            arrays[f'counts_{number}'] = counts.counts
+            arrays[f'progress_{number}'] = (counts.batch_length, counts.full, counts.in_last)
         header = {
             'version': 1,
             'chains': len(self.states),
+            'settling': len(self._settling),
             'sweeps': self.sweeps,
             'burn_in': self.burn_in,
             'n_cells': self.model.n_cells,
@@ -251,6 +276,9 @@ class PosteriorSampler:
                 rng = np.random.default_rng()
                 rng.bit_generator.state = header['generators'][j]
                 sampler.rngs.append(rng)
+            chains = len(sampler.states)
+            settling = range(chains, chains + min(int(header.get('settling', 0)), chains))
+            sampler._settling = [_counts_in(held, j, model.touched.size) for j in settling]
             if len(sampler.states) != header['chains']:
                 raise ValueError(f'{header["chains"]} chains: expected as many generators')
             sampler._check_loaded(path, header['log_likelihoods'])

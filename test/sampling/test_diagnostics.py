@@ -22,6 +22,14 @@ def filled(draws):
     return counts
 
 
+@pytest.mark.parametrize('n', [1, 2, 3, 15, 16, 17, 50, 131])
+def test_recent_sweeps_are_the_later_half_in_whole_batches(n):
+    draws = np.random.default_rng(n).integers(0, 2, (n, 5)).astype(np.uint8)
+    counts = filled(draws)
+    assert n / 2 <= counts.n_recent <= n / 2 + counts.batch_length
+    assert counts.recent().tolist() == draws[n - counts.n_recent :].sum(axis=0).tolist()
+
+
 def switching(rng, n, to_one, to_zero, n_cells=1):
     """Binary Markov chains (n, C): mean a / (a + b), lag-1 correlation 1 - a - b."""
     state = (rng.random(n_cells) < to_one / (to_one + to_zero)).astype(np.uint8)

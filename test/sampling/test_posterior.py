@@ -103,9 +103,14 @@ def test_mean_is_that_of_the_counted_maps():
     for _ in range(25):
         sampler.advance(1)
         maps.append([state.cells[model.touched] for state in sampler.states])
-        if sampler.sweeps <= 4:  # there is always an estimate
-            assert sampler.estimate().mean == approx(np.mean(maps[-1], axis=0))
+        # There is always an estimate, in the burn-in and shortly after of its later half, too.
+        used = {1: maps[:1], 2: maps[1:2], 3: maps[1:3], 4: maps[2:4], 5: maps[2:5]}
+        if sampler.sweeps <= 5:
+            shown = used[sampler.sweeps]
+            assert sampler.estimate().mean == approx(np.mean(shown, axis=(0, 1)), abs=1e-6)
+            assert sampler.draws == 2 * len(shown)
     assert sampler.estimate().sweeps == sampler.counted == 21
+    assert sampler.draws == 42
     assert sampler.estimate().mean == approx(np.mean(maps[4:], axis=(0, 1)), abs=1e-6)
     assert sampler.log_likelihoods() == [model.log_likelihood(state) for state in sampler.states]
 
@@ -127,7 +132,10 @@ def test_memory_is_reported():
     model = small_model()
     sampler = sampler_of(model, chains=3)
     n_rays, n_touched = model.index.n_rays, model.touched.size
-    assert sampler.n_bytes == 3 * (model.n_cells + 8 * n_rays + 16 * 2 * n_touched)
+    counts = 16 * 2 * n_touched
+    assert sampler.n_bytes == 3 * (model.n_cells + 8 * n_rays + 2 * counts)
+    sampler.advance(5 + 10)  # enough sweeps count, those of the burn-in are not needed any more
+    assert sampler.n_bytes == 3 * (model.n_cells + 8 * n_rays + counts)
 
 
 # -- starts ---------------------------------------------------------------------------------------
