@@ -312,6 +312,10 @@ def _counts_in(held: NpzFile, chain: int, n_touched: int) -> BatchCounts:
     counts.batch_length, counts.full, counts.in_last = map(int, progress)
     if not (0 <= counts.full < len(rows) and 0 <= counts.in_last < counts.batch_length):
         raise ValueError(f'batches {progress}: expected a row to go on with')
+    most = np.zeros(len(rows), np.int64)
+    most[: counts.full], most[counts.full] = counts.batch_length, counts.in_last
+    if (rows.max(axis=1, initial=0) > most).any():
+        raise ValueError(f'counts_{chain}: expected no more than the sweeps of a batch')
     return counts
 
 

@@ -367,6 +367,14 @@ def test_contents_that_do_not_fit_are_refused(saved, change):
     refused(saved)
 
 
+def test_counts_of_more_sweeps_than_there_were_are_refused(saved):
+    with np.load(saved) as data:
+        counts = data['counts_0'].copy()
+    counts[0, 3] = 65535
+    rewritten(saved, counts_0=counts)
+    refused(saved)
+
+
 def test_another_window_is_refused(saved):
     """Of another size, and of the same size with other readings or other cells."""
     window = RayWindow(WindowConfig(resolution=0.5), ForwardModelConfig(sigma=0.6))
