@@ -69,7 +69,12 @@ def test_a_server_refines_poses_publishes_and_saves_them(tmp_path):
             reports = observer.collect(DiagnosticArray, '/diagnostics', 10)
             for one in placed:
                 server.recording.add(one)
-            assert server.on_refine(Trigger.Request(), Trigger.Response()).success
+
+            def refines() -> bool:
+                """Whether it is ready, and so begins."""
+                return server.on_refine(Trigger.Request(), Trigger.Response()).success
+
+            observer.until(refines, 60.0)
             observer.until(lambda: bool(paths) and bool(latest), 60.0)
             found = np.array([(p.pose.position.x, p.pose.position.y) for p in paths[-1].poses])
             off = found - truth[:, :2]
