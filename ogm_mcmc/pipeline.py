@@ -25,7 +25,7 @@ from ogm_mcmc.errors import GridError, require
 from ogm_mcmc.geometry import CellBox, GridMap, PlacedScan, Pose2D, PoseBelief, Scan
 from ogm_mcmc.mapping import (
     Extras,
-    TwoAssumptionMapper,
+    batch_update,
     extras_of,
     live_settings,
     make_method,
@@ -64,9 +64,10 @@ class MappingPipeline:
         early when `cancelled`.
         """
         changed = NOTHING
-        if isinstance(self.method, TwoAssumptionMapper) and self.method.takes_together:
+        together = batch_update(self.method)
+        if together is not None:
             with contextlib.suppress(GridError):
-                changed = self.method.update_all(scans, cancelled)
+                changed = together(scans, cancelled)
                 self.changed = self.changed.union(changed)
                 self.scans_used += len(scans)
                 return changed

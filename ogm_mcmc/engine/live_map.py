@@ -10,7 +10,7 @@ from ogm_mcmc.arrays import UInt8Array
 from ogm_mcmc.config import MapperConfig, WindowConfig
 from ogm_mcmc.errors import GridError
 from ogm_mcmc.geometry import CellBox, GridMap, GridSpec, PlacedScan
-from ogm_mcmc.mapping import TwoAssumptionMapper, make_method
+from ogm_mcmc.mapping import batch_update, make_method
 
 __all__ = ['cells_on', 'check_lattice', 'live_map', 'map_of']
 
@@ -24,8 +24,9 @@ def map_of(
     GridError when the map would become too large.
     """
     method = make_method(config)
-    if isinstance(method, TwoAssumptionMapper) and method.takes_together:
-        method.update_all(list(scans))
+    together = batch_update(method)
+    if together is not None:
+        together(list(scans), lambda: False)
     else:
         for placed in scans:
             method.update(placed)

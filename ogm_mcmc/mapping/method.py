@@ -8,7 +8,7 @@ documentation follow from that.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, Protocol
 
 from ogm_mcmc.arrays import Float32Array, Float64Array
@@ -29,6 +29,7 @@ __all__ = [
     'MappingMethod',
     'Registration',
     'all_tables',
+    'batch_update',
     'extras_of',
     'live_settings',
     'make_method',
@@ -71,6 +72,20 @@ class MappingMethod(Protocol):
     def forget_cells(self) -> None:
         """Forget every scan, but keep the extent and its memory."""
         ...
+
+
+BatchUpdate = Callable[[Sequence[PlacedScan], Callable[[], bool]], CellBox]
+
+
+def batch_update(method: MappingMethod) -> BatchUpdate | None:
+    """Return what adds many scans at once, sooner than in turn and to the same map.
+
+    Called with scans and whether to stop; returns the cells it may change. Raises GridError, with
+    nothing changed, when a scan leads too far away. None where a method takes scans in turn.
+    """
+    if isinstance(method, TwoAssumptionMapper) and method.takes_together:
+        return method.update_all
+    return None
 
 
 def no_extras(method: Any, box: CellBox) -> Extras:
