@@ -44,7 +44,8 @@ kernels: $(READY)
 	-$(PY) test/support/kernel_caches.py
 
 test-fast: kernels
-	$(PY) -m pytest $(WORKERS) -m 'not full and not slow and not ros'
+	$(PY) -m pytest $(WORKERS) -m 'not full and not slow and not ros and not alone'
+	$(PY) -m pytest -m 'alone and not full and not slow and not ros' $(ALONE)
 
 test-ros: $(READY)
 	$(PY) -m pytest -m 'ros and not full'
@@ -55,7 +56,7 @@ test-full: $(READY) lint types imports fuzz
 	$(PY) -m pytest
 	NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(VENV)/boundscheck $(PY) -m pytest -m 'not full and not slow and not ros' test
 	NUMBA_DISABLE_JIT=1 $(PY) -m pytest -m 'not full and not slow and not ros and not jit' \
-		--ignore test/cli --ignore test/experiments --ignore test/benchmarks test
+		--ignore test/cli --ignore test/lab/experiments --ignore test/lab/benchmarks test
 
 # COUNT messages and files with changes at random, through every method and every loader.
 COUNT ?= 20000

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.domains import domain_of
 from support.kernel_caches import forget_stale_kernels
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -84,7 +85,7 @@ def pytest_configure(config) -> None:
     # Before rclpy is first imported: a domain for each worker, on this machine only.
     if worker is not None:
         number = int(worker.removeprefix('gw'))
-        os.environ['ROS_DOMAIN_ID'] = str((int(os.environ['ROS_DOMAIN_ID']) + number) % 100)
+        os.environ['ROS_DOMAIN_ID'] = str(domain_of(int(os.environ['ROS_DOMAIN_ID']), number))
     os.environ.setdefault('ROS_DOMAIN_ID', str(20 + os.getpid() % 80))
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     os.environ.setdefault('ROS_LOG_DIR', str(Path(os.environ.get('TMPDIR', '/tmp')) / 'ogm_ros'))

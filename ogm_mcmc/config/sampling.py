@@ -201,7 +201,7 @@ class PatchConfig:
     strength: float = setting(
         1.0,
         'patch, border: power that the learned probabilities are raised to; 1: as counted, which '
-        'leaves sparsely measured space full of specks; 0.1 to 10',
+        'leaves sparsely measured space full of specks',
         low=0.1,
         high=10.0,
     )

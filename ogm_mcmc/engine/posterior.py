@@ -50,7 +50,7 @@ class Grown(NamedTuple):
 def patch_prior(config: SamplerConfig, trimming: PatchTableConfig | None = None) -> PatchPrior:
     """Return the prior that the settings name; `trimming` says which patterns are kept.
 
-    Its strength is that of the settings of patches.
+    `trimming.strength` is not used: the strength is `config.patch.strength`.
     Raises PriorError for a file that cannot be used.
     """
     return _patch_prior(config.patch, config.chain.prior, config.window.resolution, trimming)

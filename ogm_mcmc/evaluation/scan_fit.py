@@ -36,7 +36,7 @@ from ogm_mcmc.evaluation.scan_fit_kernels import (
     probability_fits,
     sample_fits,
 )
-from ogm_mcmc.geometry import GridMap, GridSpec
+from ogm_mcmc.geometry import GridMap
 from ogm_mcmc.geometry.sample_bits import WORD, SampleBits
 from ogm_mcmc.sensors.forward_model import ForwardModel
 
@@ -90,7 +90,7 @@ class LikelihoodField:
         log_p = np.empty(len(poses))
         field_fits(
             self.distances,
-            _in_cells(spec, poses),
+            spec.in_cells(poses),
             bearings,
             ranges * cells,
             reach * cells,
@@ -128,7 +128,7 @@ class CastBeams:
         log_p = np.empty(len(poses))
         cast_fits(
             self.blocked,
-            _in_cells(spec, poses),
+            spec.in_cells(poses),
             bearings,
             ranges * cells,
             reach * cells,
@@ -168,7 +168,7 @@ class ProbabilityBeams:
         probability_fits(
             np.require(self.grid_map.probability, np.float32, ('C', 'W')),
             self.prior,
-            _in_cells(spec, poses),
+            spec.in_cells(poses),
             bearings,
             ranges * cells,
             reach * cells,
@@ -216,7 +216,7 @@ class SampleBeams:
             self.prior,
             self.jointly,
             self.power,
-            _in_cells(spec, poses),
+            spec.in_cells(poses),
             bearings,
             ranges * cells,
             reach * cells,
@@ -239,10 +239,3 @@ def _check(model: ForwardModel) -> None:
 def _per_metre(ranges: Float64Array, reach: float, cells_per_m: float) -> float:
     """Return what makes densities per cell such per metre; no return has a probability."""
     return float(np.count_nonzero(ranges <= reach)) * float(np.log(cells_per_m))
-
-
-def _in_cells(spec: GridSpec, poses: Float64Array) -> Float64Array:
-    placed = poses.copy()
-    placed[:, 0] = (placed[:, 0] - spec.origin_x_m) / spec.resolution_m
-    placed[:, 1] = (placed[:, 1] - spec.origin_y_m) / spec.resolution_m
-    return placed

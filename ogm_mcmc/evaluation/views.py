@@ -17,7 +17,7 @@ import numpy as np
 from ogm_mcmc.arrays import AnyArray, Float64Array
 from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.evaluation.view_kernels import bin_hits, bin_sample_hits
-from ogm_mcmc.geometry import GridMap, GridSpec
+from ogm_mcmc.geometry import GridMap
 from ogm_mcmc.geometry.sample_bits import WORD, SampleBits
 from ogm_mcmc.sensors.forward_model import ForwardModel
 
@@ -73,7 +73,7 @@ def hits_of_map(
     bin_hits(
         np.require(grid_map.probability, np.float32, ('C', 'W')),
         prior,
-        _in_cells(spec, places),
+        spec.in_cells(places),
         np.asarray(headings, np.float64),
         channel.reach_m / spec.resolution_m,
         channel.depth,
@@ -99,7 +99,7 @@ def hits_of_samples(
         bits.known,
         bits.draws,
         prior,
-        _in_cells(spec, places),
+        spec.in_cells(places),
         np.asarray(headings, np.float64),
         channel.reach_m / spec.resolution_m,
         channel.depth,
@@ -110,11 +110,6 @@ def hits_of_samples(
 
 def _room(places: AnyArray, headings: AnyArray, channel: ReadingChannel) -> Float64Array:
     return np.empty((len(places) * len(headings), len(channel.noise_nats)))
-
-
-def _in_cells(spec: GridSpec, places: AnyArray) -> Float64Array:
-    origin = (spec.origin_x_m, spec.origin_y_m)
-    return np.ascontiguousarray((np.asarray(places, np.float64) - origin) / spec.resolution_m)
 
 
 def _entropies(rows: Float64Array) -> Float64Array:

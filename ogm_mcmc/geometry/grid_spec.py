@@ -6,6 +6,9 @@ import math
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+import numpy as np
+
+from ogm_mcmc.arrays import AnyArray, Float64Array
 from ogm_mcmc.errors import require
 
 __all__ = ['CellBox', 'GridSpec']
@@ -142,3 +145,12 @@ class GridSpec:
             self.anchor_x_m + (self.column0 + column + 0.5) * self.resolution_m,
             self.anchor_y_m + (self.row0 + row + 0.5) * self.resolution_m,
         )
+
+    def in_cells(self, places: AnyArray) -> Float64Array:
+        """Return places or poses (N, 2 or more) with x, y as cells from the corner of (0, 0).
+
+        What comes after x and y, m, stays: a heading is the same in cells.
+        """
+        found = np.array(places, np.float64, order='C')
+        found[:, :2] = (found[:, :2] - (self.origin_x_m, self.origin_y_m)) / self.resolution_m
+        return found

@@ -13,9 +13,8 @@ and give what they would have given.
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import CancelledError, Executor, Future
-from pathlib import Path
 from typing import Any, NamedTuple
 
 from ogm_mcmc.config import SamplerConfig
@@ -23,6 +22,7 @@ from ogm_mcmc.engine.tiled_refinement import Held, tile_sampler
 from ogm_mcmc.errors import ClusterError
 from ogm_mcmc.geometry import PlacedScan
 from ogm_mcmc.lab.cluster import RETRIES, Workers, digest, pack_problem, prior_at_hand
+from ogm_mcmc.lab.memory import peak_mb
 from ogm_mcmc.lab.parcels import unpack
 from ogm_mcmc.sampling.tile_gibbs import Drawn, TileJob, TileReport, TileSampler
 from ogm_mcmc.sampling.tiles import Tiling
@@ -71,7 +71,7 @@ class ClusterTiles:
         with self._lock:
             jobs, before, answered = self.traffic
             self.traffic = Traffic(jobs + 1, before + told, answered)
-        return _Waiting(self, draw_tile, tile, job)
+        return _Waiting(self, draw_tile, tile, job, received=self._drawn)
 
     def figures(self) -> dict[str, Any]:
         """Return what was sent, and by worker which tiles it holds and its memory at the most."""
@@ -99,14 +99,6 @@ class ClusterTiles:
                 pool = self._pools[holder] = self._workers.at(holder)
         return pool.submit(task, self._token, shared, self._tiling, tile, *more), holder
 
-    def received(self, found: Any) -> None:
-        """Count an answer."""
-        if isinstance(found, Drawn):
-            with self._lock:
-                jobs, told, before = self.traffic
-                answered = before + found.cells.nbytes + found.hits.nbytes
-                self.traffic = Traffic(jobs, told, answered)
-
     def gone(self, worker: str, tile: int) -> bool:
         """Whether a worker is gone; then its tile is bound to another one."""
         with self._lock:
@@ -119,6 +111,13 @@ class ClusterTiles:
         """Send the scans again: no worker has them any more."""
         with self._lock:
             self._share()
+
+    def _drawn(self, found: Drawn) -> None:
+        """Count an answer."""
+        with self._lock:
+            jobs, told, before = self.traffic
+            answered = before + found.cells.nbytes + found.hits.nbytes
+            self.traffic = Traffic(jobs, told, answered)
 
     def _share(self) -> None:
         self._shared = self._workers.share(self._parcel)
@@ -133,8 +132,15 @@ class ClusterTiles:
 class _Waiting:
     """A task about a tile that is under way."""
 
-    def __init__(self, tiles: ClusterTiles, task: Any, tile: int, *more: Any) -> None:
-        self._tiles, self._what = tiles, (task, tile, *more)
+    def __init__(
+        self,
+        tiles: ClusterTiles,
+        task: Any,
+        tile: int,
+        *more: Any,
+        received: Callable[[Any], None] | None = None,
+    ) -> None:
+        self._tiles, self._what, self._received = tiles, (task, tile, *more), received
         self._future, self._worker = tiles.submit(*self._what)
 
     def result(self) -> Any:
@@ -154,7 +160,8 @@ class _Waiting:
                 if not self._tiles.gone(self._worker, self._what[1]):
                     self._tiles.lost()
             else:
-                self._tiles.received(found)
+                if self._received is not None:
+                    self._received(found)
                 return found
             self._future, self._worker = self._tiles.submit(*self._what)
 
@@ -186,13 +193,3 @@ def report_tile(token: str, parcel: bytes, tiling: Tiling, tile: int) -> TileRep
 def draw_tile(token: str, parcel: bytes, tiling: Tiling, tile: int, job: TileJob) -> Drawn:
     """Do a job of a tile."""
     return _sampler_of(token, parcel, tiling, tile).draw(job)
-
-
-def peak_mb() -> float | None:
-    """Return the most memory that this process has had, MB; None where that is not known."""
-    # Not `ru_maxrss`: that of a child process begins with what its parent had.
-    status = Path('/proc/self/status')
-    for line in status.read_text().splitlines() if status.exists() else []:
-        if line.startswith('VmHWM:'):
-            return round(int(line.split()[1]) / 1e3, 1)
-    return None

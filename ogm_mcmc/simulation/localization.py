@@ -96,13 +96,10 @@ class WorldFit(NamedTuple):
         """See `ScanFit`."""
         spec = self.world.spec
         cells_per_m = 1.0 / spec.resolution_m
-        placed = poses.copy()
-        placed[:, 0] = (placed[:, 0] - spec.origin_x_m) * cells_per_m
-        placed[:, 1] = (placed[:, 1] - spec.origin_y_m) * cells_per_m
         log_likelihoods = np.empty(len(poses))
         scan_log_likelihoods(
             self.world.occupied,
-            placed,
+            spec.in_cells(poses),
             bearings,
             ranges * cells_per_m,
             reach * cells_per_m,

@@ -1,5 +1,6 @@
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -115,3 +116,14 @@ def test_refused(change, message):
 def test_borders_of_a_grid():
     spec = GridSpec(0.5, 4, 6, column0=-2, row0=3, anchor_x_m=0.1)
     assert spec.extent_m == pytest.approx((-0.9, 1.1, 1.5, 4.5))
+
+
+def test_poses_in_cells_keep_their_heading_and_places_need_none():
+    spec = GridSpec(0.5, 10, 10, column0=-4, row0=2, anchor_x_m=0.25)
+    poses = np.array([[-1.75, 1.0, 0.3], [0.25, 2.25, -3.0]])
+    expected = np.array([[0.0, 0.0, 0.3], [4.0, 2.5, -3.0]])
+    assert spec.in_cells(poses) == pytest.approx(expected)
+    assert spec.in_cells([tuple(place) for place in poses[:, :2]]) == pytest.approx(
+        expected[:, :2]
+    )
+    assert poses[0, 0] == -1.75

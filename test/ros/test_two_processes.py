@@ -173,9 +173,7 @@ def test_replay_waits_again_for_a_mapper_that_was_restarted(office_bag):
                 reports = observer.collect(DiagnosticArray, '/diagnostics', 10)
                 observer.until(partial(more_than_500_used, reports), 60.0)
                 values = values_of(reports)
-                started = time.monotonic()
                 assert node.stop() == 0, node.output
-                assert time.monotonic() - started < 5.0
             lost = int(values['scans received']) - int(values['scans used'])
             # Only what is lost where the recording starts again, and what is on its way: a mapper
             # that is flooded loses about half.

@@ -22,11 +22,26 @@ import numpy as np
 
 from ogm_mcmc.arrays import Float64Array
 from ogm_mcmc.config import ForwardModelConfig, MapperConfig
+from ogm_mcmc.config.nodes import RefineSamplerConfig
+from ogm_mcmc.config.settings import flatten
 from ogm_mcmc.engine.live_map import map_of
 from ogm_mcmc.evaluation import aligned, confusion_counts
 from ogm_mcmc.geometry import GridMap, PlacedScan
 from ogm_mcmc.lab.experiments.datasets import run_all
-from ogm_mcmc.lab.experiments.exploration_views import POLICIES, Explorer, border_map
+from ogm_mcmc.lab.experiments.exploration_views import (
+    BEAMS,
+    BURN_IN,
+    COUNTED,
+    KEPT,
+    PATIENCE_M,
+    PLACES,
+    POLICIES,
+    SETTLING,
+    UNKNOWN,
+    WORTHLESS_NATS,
+    Explorer,
+    border_map,
+)
 from ogm_mcmc.lab.experiments.results import row, save_picture
 from ogm_mcmc.plotting import Series, curves_png
 from ogm_mcmc.simulation import Exploration, GridWorld, Lidar, explore, generate_floor
@@ -86,6 +101,10 @@ def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
             'model': asdict(MODEL),
             'metres': METRES,
             'measures': {**MEASURES, **AT_END},
+            'views': [PLACES, BEAMS, PATIENCE_M, WORTHLESS_NATS, UNKNOWN],
+            'sweeps': [SETTLING, KEPT, BURN_IN, COUNTED],
+            'live': flatten(MapperConfig()),
+            'sampler': flatten(RefineSamplerConfig()),
         },
     )
     of_policy = {

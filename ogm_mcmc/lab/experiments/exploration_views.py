@@ -40,6 +40,9 @@ UNKNOWN = 0.05
 # Sweeps of each chain after a scan, on from the maps it had; of the kept ones, one a sweep.
 SETTLING, KEPT = 4, 8
 
+# Sweeps of the map that judges at the end.
+BURN_IN, COUNTED = 40, 40
+
 
 class Explorer:
     """Maps what a robot measures and chooses where it goes next, by one of `POLICIES`."""
@@ -121,9 +124,8 @@ def border_map(
     scans: Sequence[PlacedScan], model: ForwardModelConfig, resolution_m: float, seed: int
 ) -> GridMap:
     """Return the posterior mean of all scans, from chains of its own."""
-    burn_in, counted = 40, 40
-    refinement = Refinement(sampler_config(model, resolution_m, seed, burn_in))
+    refinement = Refinement(sampler_config(model, resolution_m, seed, BURN_IN))
     refinement.take(scans)
     assert refinement.sampler is not None
-    refinement.sampler.advance(burn_in + counted)
+    refinement.sampler.advance(BURN_IN + COUNTED)
     return refinement.map()

@@ -43,6 +43,9 @@ from ogm_mcmc.trajectory.points import poses_of, xyyaw
 __all__ = ['run']
 
 FOLDER = Path('intel')
+LOG, RELATIONS = 'intel.gfs.log', 'intel.relations'
+STAMPS, ROUGH = 'intel_raw_odometry_910.csv', 'occupancy_slam_start.txt'
+FILES = (LOG, RELATIONS, STAMPS, ROUGH)
 EXPECTED = 'OGM_MCMC_DATA to name a folder with intel/ (log, relations, stamps and rough start)'
 JUDGE = ForwardModelConfig(sigma=0.05)
 ONE_DEGREE = math.radians(1.0)
@@ -72,7 +75,7 @@ class Recorded(NamedTuple):
 
 def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
     """Refine from every start; quick: from the given poses only, with shorter chains."""
-    recorded = read_recorded(data_folder(FOLDER / 'intel.gfs.log', EXPECTED) / FOLDER)
+    recorded = read_recorded(intel_folder())
     rows = judged('given, as it is', recorded, recorded.given, quick=quick)
     config = TrajectoryConfig(seed=seed)
     for name, start, spread in starts_of(recorded, seed)[: 1 if quick else None]:
@@ -88,19 +91,33 @@ def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
     return {'rows': rows, 'settings': settings, 'notes': NOTES}
 
 
+def intel_folder() -> Path:
+    """Return the folder of the log and what lies beside it; ConfigError where one is missing."""
+    for name in FILES:
+        data = data_folder(FOLDER / name, EXPECTED)
+    return data / FOLDER
+
+
+def read_stamps(folder: Path) -> Float64Array:
+    """Read the table of stamps and odometry, (K, 8), in the order of time.
+
+    Stamp of the robot's middleware and of the log, s; odometry and corrected pose, m, m, rad.
+    """
+    return np.loadtxt(folder / STAMPS, delimiter=',', comments='#')
+
+
 def read_recorded(folder: Path) -> Recorded:
     """Read the log and what lies beside it."""
-    logged = read_carmen(folder / 'intel.gfs.log').scans
+    logged = read_carmen(folder / LOG).scans
     order = np.argsort([scan.time_s for scan in logged], kind='stable')
-    table = np.loadtxt(folder / 'intel_raw_odometry_910.csv', delimiter=',', comments='#')
     stamps = np.empty(len(logged))
-    stamps[order] = table[:, 0]
+    stamps[order] = read_stamps(folder)[:, 0]
     return Recorded(
         [as_scan(scan) for scan in logged],
         xyyaw([scan.laser_pose for scan in logged]),
         order.astype(np.int64),
-        read_relations(folder / 'intel.relations', stamps),
-        np.loadtxt(folder / 'occupancy_slam_start.txt'),
+        read_relations(folder / RELATIONS, stamps),
+        np.loadtxt(folder / ROUGH),
     )
 
 

@@ -9,7 +9,7 @@ does not know are occupied with the same probability, whoever made it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,8 @@ import numpy as np
 from ogm_mcmc import __version__
 from ogm_mcmc.arrays import BoolArray, Float64Array
 from ogm_mcmc.config import ForwardModelConfig, MapperConfig, TrajectoryConfig
+from ogm_mcmc.config.nodes import RefineSamplerConfig
+from ogm_mcmc.config.settings import flatten
 from ogm_mcmc.engine.joint_poses import PoseRefinement
 from ogm_mcmc.engine.live_map import map_of
 from ogm_mcmc.evaluation import (
@@ -34,10 +36,33 @@ from ogm_mcmc.evaluation import (
 )
 from ogm_mcmc.files.output_files import replacing
 from ogm_mcmc.geometry import GridMap, PlacedScan, Scan
-from ogm_mcmc.lab.experiments.contests import LOGS, Contest, building_contest, log_contest
+from ogm_mcmc.lab.experiments.contests import (
+    FILTER,
+    LOGS,
+    RUN,
+    Contest,
+    building_contest,
+    log_contest,
+)
 from ogm_mcmc.lab.experiments.datasets import run_all
 from ogm_mcmc.lab.experiments.leaderboard_page import leaderboard_page
-from ogm_mcmc.lab.experiments.mappers import MAPPERS, WITH_JOINT_POSES, Mapped, Resources
+from ogm_mcmc.lab.experiments.mappers import (
+    BURN_IN,
+    CHAINS,
+    MAPPERS,
+    SWEEPS,
+    WITH_JOINT_POSES,
+    Mapped,
+    Resources,
+)
+from ogm_mcmc.lab.experiments.pose_sim import (
+    BEAMS,
+    DROPOUT,
+    FILTERS,
+    MAX_STOPS,
+    NOISE_M,
+    REACH_M,
+)
 from ogm_mcmc.lab.experiments.results import row
 from ogm_mcmc.sensors.forward_model import ForwardModel
 
@@ -87,7 +112,19 @@ def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
             for poses in ('fixed', 'joint')
         },
         title='leaderboard',
-        depends_on={'mappers': sorted(MAPPERS), 'judge': str(JUDGE), 'unknown': UNKNOWN},
+        depends_on={
+            'mappers': sorted(MAPPERS),
+            'judge': str(JUDGE),
+            'unknown': UNKNOWN,
+            'point_step_m': POINT_STEP_M,
+            'sweeps': [SWEEPS, BURN_IN, CHAINS],
+            'live': flatten(MapperConfig()),
+            'sampler': flatten(RefineSamplerConfig()),
+            'model': asdict(ForwardModelConfig()),
+            'poses': flatten(TrajectoryConfig()),
+            'filter': [RUN, asdict(FILTERS[FILTER])],
+            'lidar': [BEAMS, REACH_M, NOISE_M, DROPOUT, MAX_STOPS],
+        },
     )
     rows = [
         row(

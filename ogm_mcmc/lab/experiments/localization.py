@@ -17,19 +17,33 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ogm_mcmc.arrays import Float64Array
+from ogm_mcmc.config import MapperConfig, ShownConfig, TrajectoryConfig
+from ogm_mcmc.config.nodes import RefineSamplerConfig
+from ogm_mcmc.config.settings import flatten
+from ogm_mcmc.engine.kept_samples import MOST_SAMPLES
+from ogm_mcmc.evaluation.scan_fit import NAV2
 from ogm_mcmc.geometry import Pose2D, wrap_angle
 from ogm_mcmc.lab.experiments.datasets import run_all
-from ogm_mcmc.lab.experiments.localization_logs import LOGS, Log, log_of
+from ogm_mcmc.lab.experiments.localization_logs import (
+    DRIVING,
+    INTEL_WHEELS,
+    LIDAR,
+    LOGS,
+    MOST_SCANS,
+    Log,
+    check_data,
+    log_of,
+)
 from ogm_mcmc.lab.experiments.localization_maps import (
     BURN_IN,
     FIT_MODEL,
     POWER,
     READERS,
+    SWEEPS_BETWEEN,
     UNKNOWN,
     maps_of,
     readers_of,
@@ -37,7 +51,13 @@ from ogm_mcmc.lab.experiments.localization_maps import (
 )
 from ogm_mcmc.lab.experiments.results import row, save_picture
 from ogm_mcmc.plotting import Series, curves_png
-from ogm_mcmc.simulation import ParticleFilter, ParticleFilterSettings, ScanFit, motion_between
+from ogm_mcmc.simulation import (
+    OdometryNoise,
+    ParticleFilter,
+    ParticleFilterSettings,
+    ScanFit,
+    motion_between,
+)
 from ogm_mcmc.trajectory.points import poses_of
 
 __all__ = ['SHARES', 'recover', 'run', 'score', 'track']
@@ -68,6 +88,7 @@ NOTES = [
 def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
     """Five runs of five logs at four shares of beams; quick: two of a building at two shares."""
     logs, shares, runs = (LOGS[2:3], SHARES[1::2], 2) if quick else (LOGS, SHARES, RUNS)
+    check_data(logs)  # what is missing is said before hours have gone by
     results = run_all(
         folder / 'datasets',
         score,
@@ -86,10 +107,19 @@ def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
         depends_on={
             'tracking': asdict(TRACKING),
             'searching': asdict(SEARCHING),
+            'lost': [LOST_M, LOST_RAD],
+            'wrong': [OFF_M, OFF_RAD, TRIALS, SCANS_TO_RECOVER, FOUND_M, FOUND_RAD],
             'model': asdict(FIT_MODEL),
             'power': POWER,
             'unknown': UNKNOWN,
-            'burn_in': BURN_IN,
+            'sweeps': [BURN_IN, SWEEPS_BETWEEN, MOST_SAMPLES],
+            'unknown_margin': ShownConfig().unknown_margin,
+            'amcl': NAV2._asdict(),
+            'live': flatten(MapperConfig()),
+            'sampler': flatten(RefineSamplerConfig()),
+            'poses': flatten(TrajectoryConfig()),
+            'wheels': [asdict(INTEL_WHEELS), asdict(OdometryNoise())],
+            'drive': [asdict(LIDAR), asdict(DRIVING), MOST_SCANS],
         },
     )
     rows: list[dict[str, Any]] = []
@@ -131,8 +161,13 @@ def score(log: str, share: float, number: int, seed: int) -> dict[str, Any]:
     }
 
 
-def track(log: Log, fit: ScanFit, power: float, rng: np.random.Generator) -> dict[str, float]:
-    """Follow a log scan by scan: mean errors, m and degrees, while not lost, and times lost."""
+def track(
+    log: Log, fit: ScanFit, power: float, rng: np.random.Generator
+) -> dict[str, float | None]:
+    """Follow a log scan by scan: mean errors, m and degrees, while not lost, and times lost.
+
+    Who was lost at every scan has no errors: None.
+    """
     poses, told = poses_of(log.reference), poses_of(log.odometry)
     filtering = ParticleFilter(fit, replace(TRACKING, power=power), log.noise, rng)
     filtering.start(poses[1])
@@ -148,7 +183,9 @@ def track(log: Log, fit: ScanFit, power: float, rng: np.random.Generator) -> dic
             filtering.start(poses[k])
         else:
             errors.append(off)
-    away, turned = np.mean(errors, axis=0) if errors else (math.nan, math.nan)
+    if not errors:
+        return {'error_m': None, 'error_deg': None, 'lost': lost}
+    away, turned = np.mean(errors, axis=0)
     return {'error_m': float(away), 'error_deg': math.degrees(turned), 'lost': lost}
 
 
@@ -185,13 +222,28 @@ def _off(found: Pose2D, true: Pose2D) -> tuple[float, float]:
     return away, abs(wrap_angle(found.yaw_rad - true.yaw_rad))
 
 
-def _with_error(values: Sequence[float] | Float64Array) -> tuple[float, float]:
-    """Return mean and standard error of runs, without those that were lost all the time."""
-    known = np.array([value for value in values if math.isfinite(value)])
+class Mean(NamedTuple):
+    """Mean of runs and its standard error; None where there were no runs, or one."""
+
+    value: float | None
+    error: float | None
+
+    def said(self) -> str:
+        """Return both as text."""
+        return f'{_shown(self.value, 2)} +- {_shown(self.error, 2)}'
+
+
+def _shown(value: float | None, digits: int) -> str:
+    return '-' if value is None else f'{value:.{digits}f}'
+
+
+def _with_error(values: Sequence[float | None]) -> Mean:
+    """Return the mean of runs without those that were lost all the time."""
+    known = np.array([value for value in values if value is not None])
     if known.size == 0:
-        return math.nan, math.nan
-    spread = known.std(ddof=1) / math.sqrt(known.size) if known.size > 1 else math.nan
-    return float(known.mean()), float(spread)
+        return Mean(None, None)
+    spread = float(known.std(ddof=1)) / math.sqrt(known.size) if known.size > 1 else None
+    return Mean(float(known.mean()), spread)
 
 
 def _row(log: str, share: float, reader: str, runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
@@ -199,12 +251,11 @@ def _row(log: str, share: float, reader: str, runs: Sequence[Mapping[str, Any]])
         what: _with_error([one[reader][what] for one in runs])
         for what in ('error_m', 'error_deg', 'lost', 'found')
     }
-    said = {what: f'{mean:.2f} +- {error:.2f}' for what, (mean, error) in of.items()}
     remark = (
-        f'+- {of["error_m"][1]:.3f}; {said["error_deg"]} degrees; lost {said["lost"]}; '
-        f'found {said["found"]}'
+        f'+- {_shown(of["error_m"].error, 3)}; {of["error_deg"].said()} degrees; '
+        f'lost {of["lost"].said()}; found {of["found"].said()}'
     )
-    return row(f'{log}, {100 * share:g} %: {reader}, m', of['error_m'][0], None, remark)
+    return row(f'{log}, {100 * share:g} %: {reader}, m', of['error_m'].value, None, remark)
 
 
 def _draw(
@@ -216,7 +267,7 @@ def _draw(
         Series(
             reader,
             np.log10(100.0 * np.array(shares)),
-            np.array([_with_error([one[reader]['lost'] for one in of_log[s]])[0] for s in shares]),
+            np.array([np.mean([one[reader]['lost'] for one in of_log[s]]) for s in shares]),
         )
         for reader in READERS
     ]

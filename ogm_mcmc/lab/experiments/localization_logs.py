@@ -20,7 +20,7 @@ from ogm_mcmc.arrays import Float64Array
 from ogm_mcmc.config import TrajectoryConfig
 from ogm_mcmc.geometry import PlacedScan, Pose2D, PoseBelief, Scan
 from ogm_mcmc.io.carmen import read_carmen
-from ogm_mcmc.lab.experiments.joint_intel import EXPECTED, FOLDER, read_recorded
+from ogm_mcmc.lab.experiments.joint_intel import intel_folder, read_recorded, read_stamps
 from ogm_mcmc.lab.experiments.recordings import as_scan, data_folder
 from ogm_mcmc.simulation import (
     Driving,
@@ -36,7 +36,7 @@ from ogm_mcmc.simulation import (
 from ogm_mcmc.trajectory import TrajectoryRefinement
 from ogm_mcmc.trajectory.points import poses_of, xyyaw
 
-__all__ = ['LOGS', 'Log', 'log_of']
+__all__ = ['LOGS', 'Log', 'check_data', 'log_of']
 
 LOGS = ('building-1', 'building-5', 'building-9', 'freiburg', 'intel')
 
@@ -78,18 +78,29 @@ def log_of(name: str, seed: int) -> Log:
     return _building(int(name.removeprefix('building-')), seed)
 
 
+def check_data(names: Sequence[str]) -> None:
+    """Look whether what logs are made of is there. Raises ConfigError where it is not."""
+    if 'intel' in names:
+        intel_folder()
+    if 'freiburg' in names:
+        _freiburg_file()
+
+
+def _freiburg_file() -> Path:
+    expected = 'OGM_MCMC_DATA to name a folder with the corrected log (Radish): {path}'
+    return data_folder(FREIBURG, expected) / FREIBURG
+
+
 def _intel(seed: int) -> Log:
-    folder = data_folder(FOLDER / 'intel.gfs.log', EXPECTED) / FOLDER
+    folder = intel_folder()
     recorded = read_recorded(folder)
-    table = np.loadtxt(folder / 'intel_raw_odometry_910.csv', delimiter=',', comments='#')
     scans = [_silent(recorded.scans[k]) for k in recorded.order]
     reference = _joint(scans, recorded.given[recorded.order], seed)
-    return Log(scans, reference, table[:, 2:5], INTEL_WHEELS, 0.05)
+    return Log(scans, reference, read_stamps(folder)[:, 2:5], INTEL_WHEELS, 0.05)
 
 
 def _freiburg(seed: int) -> Log:
-    expected = 'OGM_MCMC_DATA to name a folder with the corrected log (Radish): {path}'
-    logged = read_carmen(data_folder(FREIBURG, expected) / FREIBURG).scans
+    logged = read_carmen(_freiburg_file()).scans
     scans = [_silent(as_scan(one)) for one in logged]
     reference = _joint(scans, xyyaw([one.laser_pose for one in logged]), seed)
     return Log(scans, reference, _wheels(reference, seed), OdometryNoise(), 0.05)

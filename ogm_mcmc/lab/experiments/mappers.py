@@ -6,7 +6,6 @@ import gc
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import NamedTuple, Protocol
 
 from ogm_mcmc.config import (
@@ -19,6 +18,7 @@ from ogm_mcmc.config.nodes import NodeWindowConfig, RefineSamplerConfig
 from ogm_mcmc.engine.live_map import map_of
 from ogm_mcmc.engine.refinement import Refinement, warm_up
 from ogm_mcmc.geometry import GridMap, PlacedScan
+from ogm_mcmc.lab.memory import PROC, memory_mb
 
 __all__ = [
     'FOR_EXACT_POSES',
@@ -32,7 +32,6 @@ __all__ = [
 ]
 
 SWEEPS, BURN_IN, CHAINS = 60, 20, 2
-PROC = Path('/proc/self')
 
 
 class Used(NamedTuple):
@@ -76,24 +75,18 @@ class Resources:
         gc.collect()
         try:
             (PROC / 'clear_refs').write_text('5', encoding='ascii')
-            self._before_kb: int | None = _status_kb('VmRSS')
-        except (OSError, LookupError):
-            self._before_kb = None
+            self._before_mb = memory_mb('VmRSS')
+        except OSError:
+            self._before_mb = None
         self._began = time.process_time()
 
     def stop(self) -> Used:
         """Return what was used."""
         seconds = time.process_time() - self._began
-        if self._before_kb is None:
+        most_mb = memory_mb('VmHWM')
+        if self._before_mb is None or most_mb is None:
             return Used(seconds, None)
-        return Used(seconds, round((_status_kb('VmHWM') - self._before_kb) / 1024.0, 1))
-
-
-def _status_kb(name: str) -> int:
-    for line in (PROC / 'status').read_text(encoding='ascii').splitlines():
-        if line.startswith(f'{name}:'):
-            return int(line.split()[1])
-    raise LookupError(name)
+        return Used(seconds, round(most_mb - self._before_mb, 1))
 
 
 def _method(config: MapperConfig) -> Mapper:

@@ -1,14 +1,16 @@
 """Localizing in maps: a filter that finds its way, and what counts as lost and found."""
 
-import math
+import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from ogm_mcmc.config import ForwardModelConfig
+from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.evaluation import LikelihoodField, ProbabilityBeams
 from ogm_mcmc.geometry import GridMap, GridSpec, Pose2D
-from ogm_mcmc.lab.experiments import localization
+from ogm_mcmc.lab.experiments import joint_intel, localization, localization_logs
 from ogm_mcmc.lab.experiments.localization_logs import Log, log_of
 from ogm_mcmc.lab.experiments.localization_maps import READERS, some_beams
 from ogm_mcmc.sensors.forward_model import ForwardModel
@@ -79,9 +81,67 @@ def test_wrong_starts_are_as_wrong_as_they_are_said_to_be():
 
 
 def test_errors_over_runs_leave_out_those_without_one():
-    mean, error = localization._with_error([1.0, 3.0, math.nan])
+    mean, error = localization._with_error([1.0, 3.0, None])
     assert (mean, error) == (pytest.approx(2.0), pytest.approx(1.0))
-    assert all(math.isnan(value) for value in localization._with_error([math.nan]))
+    assert localization._with_error([1.0, None]) == (1.0, None)
+    assert localization._with_error([None]) == (None, None)
+
+
+def test_a_reader_that_is_always_lost_has_no_error(room):
+    """Nor is there a number in its place: JSON knows no NaN."""
+    truth, log = room
+    nothing = LikelihoodField(GridMap(truth.spec, np.full_like(truth.probability, np.nan)))
+    away = log.reference + 3.0 * np.arange(len(log.reference))[:, None] * (1.0, 0.0, 0.0)
+    tracked = localization.track(
+        log._replace(odometry=away), nothing, 1.0, np.random.default_rng(3)
+    )
+    assert tracked == {'error_m': None, 'error_deg': None, 'lost': 19}
+    line = localization._row('one', 1.0, 'a', [{'a': {**tracked, 'found': 0.0}}] * 2)
+    assert line['ours'] is None
+    assert line['remark'] == '+- -; - +- - degrees; lost 19.00 +- 0.00; found 0.00 +- 0.00'
+    json.dumps(line, allow_nan=False)
+
+
+@pytest.mark.slow
+def test_every_reader_is_scored(room, monkeypatch):
+    _, log = room
+    few = replace(localization.TRACKING, particles=60)
+    monkeypatch.setattr(localization, 'log_of', lambda name, seed: log)
+    monkeypatch.setattr(localization, 'TRACKING', few)
+    monkeypatch.setattr(localization, 'SEARCHING', replace(few, spread_m=1.0, spread_rad=0.5))
+    monkeypatch.setattr(localization, 'TRIALS', 2)
+    scored = localization.score('room', 1.0, 1, 3)
+    assert set(scored) == set(READERS)
+    for reader, judged in scored.items():
+        assert judged['lost'] == 0, reader
+        assert judged['error_m'] < 0.1, reader
+        assert judged['found'] in {0.0, 0.5, 1.0}, reader
+
+
+@pytest.mark.parametrize(
+    'missing',
+    [
+        'intel.gfs.log',
+        'intel.relations',
+        'intel_raw_odometry_910.csv',
+        'occupancy_slam_start.txt',
+        'freiburg-101-corrected.log.gz',
+    ],
+)
+def test_missing_data_is_said_before_anything_is_done(tmp_path, monkeypatch, missing):
+    data = tmp_path / 'data'
+    files = (
+        *(joint_intel.FOLDER / name for name in joint_intel.FILES),
+        localization_logs.FREIBURG,
+    )
+    for file in files:
+        (data / file).parent.mkdir(parents=True, exist_ok=True)
+        if file.name != missing:
+            (data / file).touch()
+    monkeypatch.setenv('OGM_MCMC_DATA', str(data))
+    monkeypatch.setattr(localization, 'run_all', lambda *_, **__: pytest.fail('begun'))
+    with pytest.raises(ConfigError, match=f'{missing}: no such file; expected OGM_MCMC_DATA to'):
+        localization.run(tmp_path / 'out', quick=False, seed=1)
 
 
 def test_some_beams_are_a_share_of_all(room):
