@@ -67,9 +67,9 @@ class MappingPipeline:
         together = batch_update(self.method)
         if together is not None:
             with contextlib.suppress(GridError):
-                changed = together(scans, cancelled)
+                changed, added = together(scans, cancelled)
                 self.changed = self.changed.union(changed)
-                self.scans_used += len(scans)
+                self.scans_used += added
                 return changed
         for placed in scans:
             if cancelled():

@@ -305,6 +305,22 @@ def test_many_scans_at_once_make_the_map_of_one_after_the_other(method):
     given_up = pipeline(method=method)
     given_up.update_all(scans, lambda: True)
     assert not np.isfinite(given_up.method.probabilities(given_up.method.spec.box)).any()
+    assert given_up.scans_used == 0
+
+
+@pytest.mark.parametrize('method', ['two_assumption', 'counting'])
+def test_scans_that_were_added_before_it_was_cancelled_are_counted(method):
+    scans = [PlacedScan(sweep(k), at(0.1 * k, 0.2)) for k in range(5)]
+    one, cancelled = pipeline(method=method), pipeline(method=method)
+    for scan in scans[:2]:
+        one.update(scan)
+    asked = iter((False, False, True))
+    cancelled.update_all(scans, lambda: next(asked))
+    assert cancelled.scans_used == 2
+    box = cancelled.method.spec.box
+    assert np.array_equal(
+        one.method.probabilities(box), cancelled.method.probabilities(box), equal_nan=True
+    )
 
 
 # -- warm_up ------------------------------------------------------------------------------------

@@ -152,7 +152,8 @@ class OnlineMapperConfig:
     keep_scans_mb: float = setting(
         500.0,
         'keep_scans: memory for scans and their poses, MB; when it is full, scans of places and '
-        'headings that others cover go first, and are missing in a map made anew',
+        'headings that others cover go first, and are missing in a map made anew; while one is '
+        'made, the map and the poses with their doubt are there twice, which is not counted',
         low=1.0,
         high=1e6,
     )

@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ogm_mcmc.arrays import BoolArray, Float64Array, Int64Array
-from ogm_mcmc.engine.robot_track import RobotTrack, turned_back
+from ogm_mcmc.engine.robot_track import MOST_POSES, RobotTrack, turned_back
 from ogm_mcmc.geometry import PlacedScan, Pose2D
 
 __all__ = ['Corrected', 'Corrector', 'Nodes', 'corrected_poses']
@@ -49,10 +49,13 @@ class Corrected(NamedTuple):
 
 
 class Corrector:
-    """Notes every placed scan; places scans anew when a corrected trajectory comes."""
+    """Notes every placed scan; places scans anew when a corrected trajectory comes.
 
-    def __init__(self) -> None:
-        self.track = RobotTrack()
+    `most` poses of the robot are noted, beyond that every second one goes.
+    """
+
+    def __init__(self, most: int = MOST_POSES) -> None:
+        self.track = RobotTrack(min(most, MOST_POSES))
 
     def note(self, placed: PlacedScan) -> None:
         """Note where the robot was said to be."""

@@ -10,9 +10,15 @@ import numpy as np
 from ogm_mcmc.arrays import BoolArray, Float64Array, Int64Array
 from ogm_mcmc.geometry import Pose2D
 
-__all__ = ['RobotTrack', 'turned_back']
+__all__ = ['MOST_POSES', 'POSE_BYTES', 'RobotTrack', 'turned_back']
 
 NS_PER_S = 1_000_000_000
+
+MOST_POSES = 1_000_000
+POSE_BYTES = 32
+
+# Room at first.
+FEW = 256
 
 # Stamps that go back further than this are a restart (a bag played again).
 RESTART_NS = NS_PER_S
@@ -37,16 +43,21 @@ class RobotTrack:
     Beyond that every second one of all goes: old and new ones lie a little further apart then.
     """
 
-    def __init__(self, most: int = 1_000_000) -> None:
+    def __init__(self, most: int = MOST_POSES) -> None:
         self.most = most
-        self._stamps = np.empty(256, np.int64)
-        self._poses = np.empty((256, 3))
+        self._stamps = np.empty(FEW, np.int64)
+        self._poses = np.empty((FEW, 3))
         self._count = 0
         self._sorted = True
 
     def __len__(self) -> int:
         """Return the number of poses."""
         return self._count
+
+    @property
+    def n_bytes(self) -> int:
+        """Memory that it takes, room for the next ones included."""
+        return self._stamps.nbytes + self._poses.nbytes
 
     def add(self, stamp_ns: int, pose: Pose2D) -> None:
         """Note a pose; a stamp of long before the last one begins a new track."""

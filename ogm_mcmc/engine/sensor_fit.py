@@ -23,7 +23,7 @@ Consequence. Generated buildings, 5 % of the beams: `docs/results.md`. Intel (od
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -31,7 +31,7 @@ import numpy as np
 
 from ogm_mcmc.arrays import AnyArray, BoolArray, Int64Array
 from ogm_mcmc.config import ForwardModelConfig, MapperConfig, SamplerConfig
-from ogm_mcmc.geometry import CellBox, PlacedScan, Rays, cast_rays
+from ogm_mcmc.geometry import CellBox, HeldRays, PlacedScan, Rays, cast_rays
 from ogm_mcmc.mapping.counting import CountingMapper
 
 __all__ = ['SensorNumbers', 'Share', 'fit_sensor']
@@ -103,17 +103,16 @@ def fit_sensor(
             no_return=window.no_return,
         )
     )
-    cast = [
-        cast_rays(
-            placed.scan, placed.pose, mapper.spec,
-            max_range_m=window.max_range, no_return_clears=clears,
-        )
-        for placed in scans
-    ]  # fmt: skip
-    cast = [rays for rays in cast if rays.n_rays]
+    cast = HeldRays(
+        scans,
+        lambda scan, sensor: cast_rays(
+            scan, sensor, mapper.spec, max_range_m=window.max_range, no_return_clears=clears
+        ),
+    )
     _cover(mapper, cast)
     for rays in cast:
-        mapper.update_by(rays)
+        if rays.n_rays:
+            mapper.update_by(rays)
     # Beams reach further than anything that they met, and most of what lies there is of no use.
     box = _box_of_hits(mapper)
     hits, misses = (counts.astype(np.int64) for counts in mapper.counts(box))
@@ -123,6 +122,8 @@ def fit_sensor(
     confirmed = contradicted = met_solid = lost = without = 0
     every = max(1, sum(int(np.isinf(scan.scan.ranges_m).sum()) for scan in scans) // MOST_MISSING)
     for rays in cast:
+        if rays.n_rays == 0:
+            continue
         ended = rays.hit[: rays.n_rays] == 1
         ends = rays.ends[:, : rays.n_rays]
         corner = rays.column - box.column0, rays.row - box.row0
@@ -161,11 +162,12 @@ def _sum_around(counts: Int64Array, reach: int) -> Int64Array:
     return counts
 
 
-def _cover(mapper: CountingMapper, cast: Sequence[Rays]) -> None:
+def _cover(mapper: CountingMapper, cast: Iterable[Rays]) -> None:
     """Make room for all rays at once: a map that grows is copied again and again."""
     box = CellBox(0, 0, 0, 0)
     for rays in cast:
-        box = box.union(rays.box)
+        if rays.n_rays:
+            box = box.union(rays.box)
     if not box.empty:
         mapper.grid.cover(box)
 

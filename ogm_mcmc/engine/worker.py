@@ -273,10 +273,10 @@ class RefineWorker:
         assert refinement.sampler is not None
         self.status = self.status._replace(
             state='sampling',
-            rays=refinement.window.index.n_rays,
+            rays=refinement.size.n_rays,
             sensor=refinement.sensor,
             no_return=refinement.no_return,
-            n_bytes=refinement.window.index.n_bytes + refinement.sampler.n_bytes,
+            n_bytes=refinement.size.n_bytes + refinement.sampler.n_bytes,
             chain_sweeps=self._sweeps(),
         )
         next_map_at = time.monotonic()

@@ -43,6 +43,7 @@ instead of 10.6 ms for 200 scans), not enough for what it adds; it is what to tr
 
 from ogm_mcmc.geometry.grid_map import GridMap
 from ogm_mcmc.geometry.grid_spec import CellBox, GridSpec
+from ogm_mcmc.geometry.held_rays import HeldRays
 from ogm_mcmc.geometry.placed_scan import PlacedScan, SensorMount
 from ogm_mcmc.geometry.pose import (
     Pose2D,
@@ -60,6 +61,7 @@ __all__ = [
     'CellBox',
     'GridMap',
     'GridSpec',
+    'HeldRays',
     'PlacedScan',
     'Pose2D',
     'PoseBelief',

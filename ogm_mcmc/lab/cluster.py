@@ -215,7 +215,7 @@ def distribute(refinement: Refinement, scans: Sequence[PlacedScan], executor: Ex
     # The sensor's numbers are those found here: a worker does not look for others.
     config = replace(config, model=refinement.model, chain=replace(config.chain, sensor='given'))
     parcel = pack_problem(config, scans)
-    problem = Problem(digest(parcel), refinement.window.index.n_rays, here.model.n_cells)
+    problem = Problem(digest(parcel), refinement.size.n_rays, here.model.n_cells)
     refinement.sampler = _DistantSampler(here, problem, parcel, executor)
 
 
@@ -326,7 +326,7 @@ def _built(problem: Problem, parcel: bytes) -> PosteriorModel:
         refinement.take(scans)
     sampler = refinement.sampler
     assert sampler is not None
-    found = refinement.window.index.n_rays, sampler.model.n_cells
+    found = refinement.size.n_rays, sampler.model.n_cells
     if found != (problem.n_rays, problem.n_cells):
         raise WindowError(
             f'{found[0]} rays in {found[1]} cells on a worker: expected the '

@@ -22,7 +22,7 @@ from ogm_mcmc.mapping.gaussian_field import Prediction
 from ogm_mcmc.mapping.pose_uncertain import PoseUncertainMapper
 from ogm_mcmc.mapping.random_field import RandomFieldMapper
 from ogm_mcmc.mapping.sonar import SonarMapper
-from ogm_mcmc.mapping.two_assumption import TwoAssumptionMapper
+from ogm_mcmc.mapping.two_assumption import Batch, TwoAssumptionMapper
 
 __all__ = [
     'METHODS',
@@ -74,14 +74,14 @@ class MappingMethod(Protocol):
         ...
 
 
-BatchUpdate = Callable[[Sequence[PlacedScan], Callable[[], bool]], CellBox]
+BatchUpdate = Callable[[Sequence[PlacedScan], Callable[[], bool]], Batch]
 
 
 def batch_update(method: MappingMethod) -> BatchUpdate | None:
     """Return what adds many scans at once, sooner than in turn and to the same map.
 
-    Called with scans and whether to stop; returns the cells it may change. Raises GridError, with
-    nothing changed, when a scan leads too far away. None where a method takes scans in turn.
+    Called with scans and whether to stop; returns what it did. Raises GridError, with nothing
+    changed, when a scan leads too far away. None where a method takes scans in turn.
     """
     if isinstance(method, TwoAssumptionMapper) and method.takes_together:
         return method.update_all

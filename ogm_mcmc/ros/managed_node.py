@@ -65,7 +65,7 @@ class ManagedNode(LifecycleNode):
         self.compiling = ''  # what to say of kernels that are not there yet
         self.steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._failure: OgmError | None = None
-        self._starting = False  # by itself, until it works
+        self._starting = False  # by itself, until it works or somebody asks for a state
         self._warming: _Warming | None = None
         # rclpy raises, and the node ends, when somebody asks for a transition that does not fit.
         self._change_state = self._service_change_state.callback
@@ -145,18 +145,19 @@ class ManagedNode(LifecycleNode):
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Pause: no scans, no maps; what was mapped stays."""
-        self.active = False
+        self.active = self._starting = False
         self._end()
         return SUCCESS
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Forget everything but the parameters."""
+        self._starting = False
         self._tear_down()
         return SUCCESS
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Stop work and leave all topics; the process is ended by a signal."""
-        self.active = False
+        self.active = self._starting = False
         self._end()
         self._tear_down()
         return SUCCESS

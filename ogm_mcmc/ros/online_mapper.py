@@ -152,7 +152,7 @@ class OnlineMapper(ManagedNode):
 
     def take_remade(self) -> None:
         """Swap in a map that was made anew."""
-        remade = None if self.kept is None else self.kept.taken()
+        remade = None if self.kept is None else self.kept.taken(self.pipeline.config)
         if remade is None:
             return
         if self.trajectory is not None:
@@ -206,12 +206,12 @@ class OnlineMapper(ManagedNode):
     def _kept_values(self) -> dict[str, object]:
         if self.kept is None:
             return {'scans kept for corrections': 'none: keep_scans is off'}
-        recording = self.kept.recording
+        kept, recording = self.kept, self.kept.recording
         return {
             'scans kept for corrections': len(recording),
-            'memory of kept scans (MB)': f'{recording.n_bytes / 1e6:.1f}',
+            'memory of kept scans (MB)': f'{kept.n_bytes / 1e6:.1f}',
             'scans let go': recording.let_go.total(),
-            'map is being made anew': self.kept.busy,
+            'map is being made anew': kept.busy,
             **(self.trajectory.values() if self.trajectory else {}),
         }
 

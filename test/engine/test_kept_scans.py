@@ -58,9 +58,9 @@ def f1_of(pipeline, building):
     return 2.0 * hits / (called.sum() + is_wall.sum())
 
 
-def waited(kept):
+def waited(kept, config=CONFIG):
     began = time.monotonic()
-    while (remade := kept.taken()) is None:
+    while (remade := kept.taken(config)) is None:
         assert time.monotonic() - began < 60.0
         time.sleep(0.005)
     return remade
@@ -114,7 +114,7 @@ def test_scans_that_come_while_the_map_is_made_anew_are_in_it(loop):
     kept.correct(nodes, CONFIG)
     again = waited(kept)
     assert (again.pipeline, again.corrected.moved, again.scans) == (None, 0, 0)
-    assert kept.taken() is None
+    assert kept.taken(CONFIG) is None
 
 
 def test_a_newer_trajectory_waits_for_the_map_in_the_making_and_clear_ends_it(loop):
@@ -130,10 +130,10 @@ def test_a_newer_trajectory_waits_for_the_map_in_the_making_and_clear_ends_it(lo
     first, last = waited(kept), waited(kept)
     assert first.pipeline.map().spec.origin_x_m > 4.0
     assert last.pipeline.map().spec.origin_x_m < 1.0  # the one in between was never made
-    assert (kept.taken(), kept.busy) == (None, False)
+    assert (kept.taken(CONFIG), kept.busy) == (None, False)
     kept.correct(aside, CONFIG)
     kept.clear()
-    assert (kept.taken(), kept.busy, len(kept.recording)) == (None, False, 0)
+    assert (kept.taken(CONFIG), kept.busy, len(kept.recording)) == (None, False, 0)
     kept.correct(nodes, CONFIG)
     assert waited(kept).corrected.covered == 0
 
@@ -174,9 +174,77 @@ def test_placing_does_not_hold_up_the_node(loop, monkeypatch):
     monkeypatch.setattr(Corrector, 'applied', slowly)
     kept.correct(nodes_of(scans[-1].corrected), CONFIG)
     kept.add(PlacedScan.at(scans[20].scan, scans[20].said))  # while scans are being placed
-    assert kept.taken() is None
+    assert kept.taken(CONFIG) is None
     go_on.set()
     assert waited(kept).scans == len(kept.recording) == 21
+
+
+def same_map(one, other):
+    return np.array_equal(one.map().probability, other.map().probability, equal_nan=True)
+
+
+@pytest.mark.parametrize('waits', [False, True])
+def test_settings_that_change_while_a_map_is_made_are_those_of_the_next_one(loop, waits):
+    """Whether a trajectory waits, which moves nothing any more, or not."""
+    _, scans = loop
+    nearer = replace(CONFIG, max_range=2.0)
+    kept = KeptScans(100.0)
+    for one in scans[:60]:
+        kept.add(PlacedScan.at(one.scan, one.said))
+    nodes = nodes_of(scans[-1].corrected)
+    kept.correct(nodes, CONFIG)
+    if waits:
+        kept.correct(nodes, nearer)
+    else:
+        kept.add(PlacedScan.at(scans[60].scan, scans[60].said))
+    first = waited(kept, nearer)
+    assert kept.busy
+    last = waited(kept, nearer)
+    assert not kept.busy
+    expected = mapped(kept.recording.snapshot(), nearer)
+    assert same_map(last.pipeline, expected)
+    assert not same_map(first.pipeline, expected)
+    assert first.pipeline.config == last.pipeline.config == nearer
+    assert first.scans == last.scans == len(kept.recording)
+    assert first.corrected.moved > 0
+    assert last.corrected.covered == 60
+    assert last.corrected.moved == (0 if waits else first.corrected.moved)
+
+
+def test_a_trajectory_that_waits_is_made_with_the_settings_that_hold_then(loop):
+    _, scans = loop
+    nearer = replace(CONFIG, max_range=2.0)
+    kept = KeptScans(100.0)
+    for one in scans[:60]:
+        kept.add(PlacedScan.at(one.scan, one.said))
+    nodes = nodes_of(scans[-1].corrected)
+    aside = Nodes(nodes.stamps_ns, nodes.poses + np.array([5.0, 0.0, 0.0]))
+    kept.correct(aside, CONFIG)
+    kept.correct(nodes, CONFIG)
+    waited(kept, nearer)
+    last = waited(kept, nearer)
+    assert same_map(last.pipeline, mapped(kept.recording.snapshot(), nearer))
+    assert (kept.taken(nearer), kept.busy) == (None, False)
+
+
+def test_what_waits_is_done_after_a_failure(loop, monkeypatch):
+    _, scans = loop
+    kept = KeptScans(100.0)
+    for one in scans[:20]:
+        kept.add(PlacedScan.at(one.scan, one.said))
+    applied = Corrector.applied
+
+    def broken(self, *rest):
+        monkeypatch.setattr(Corrector, 'applied', applied)
+        raise RuntimeError('broken')
+
+    monkeypatch.setattr(Corrector, 'applied', broken)
+    nodes = nodes_of(scans[-1].corrected)
+    for _ in range(2):
+        kept.correct(nodes, CONFIG)
+    with pytest.raises(RuntimeError, match='broken'):
+        waited(kept)
+    assert waited(kept).corrected.covered == 20
 
 
 def test_what_goes_wrong_in_the_thread_is_seen(loop, monkeypatch):
@@ -203,16 +271,29 @@ def test_memory_of_scans_is_a_limit(loop):
     doubted = PlacedScan(bent, PoseBelief(plain.pose, np.eye(3), cloud))
     more = 120 * 8 + 9 * 8 + 50 * 4 * 8
     assert more < doubted.n_bytes - plain.n_bytes < more + 500
-    kept = KeptScans(60 * plain.n_bytes / 1e6)
+    room_for_poses = 512 * 32
+    assert 256 < len(scans) <= 512
+    kept = KeptScans((60 * plain.n_bytes + room_for_poses) / 1e6)
     for one in scans:
         kept.add(PlacedScan.at(one.scan, one.truth))
-        assert kept.recording.n_bytes <= kept.recording.most_bytes
+        assert kept.n_bytes <= kept.most_bytes
+    assert kept.n_bytes == kept.recording.n_bytes + room_for_poses
     assert 50 <= len(kept.recording) <= 60
     assert kept.recording.n_bytes == sum(one.n_bytes for one in kept.recording.snapshot())
     assert len(kept.recording) + kept.recording.let_go.total() == len(scans)
     assert len(kept.corrector.track) == len(scans)
     kept.clear()
     assert kept.recording.n_bytes == 0
+
+
+def test_poses_take_a_quarter_of_the_memory_at_most():
+    kept = KeptScans(0.1)
+    for k in range(4000):
+        kept.add(PlacedScan.at(fan(1.0, stamp_ns=k * 10**9), Pose2D(float(k))))
+        assert kept.n_bytes <= kept.most_bytes
+    assert 12_500 < kept.corrector.track.n_bytes <= 25_000
+    assert kept.recording.n_bytes > 50_000
+    assert kept.corrector.track.spans(np.array([10**9, 3990 * 10**9])).all()
 
 
 def test_what_scans_take_is_what_is_counted():

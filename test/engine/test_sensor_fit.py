@@ -9,7 +9,7 @@ from support.strategies import fan
 from ogm_mcmc.config import ChainConfig, ForwardModelConfig, SamplerConfig, WindowConfig
 from ogm_mcmc.engine.refinement import Refinement
 from ogm_mcmc.engine.sensor_fit import LEAST_SHARE, Share, _meets, _sum_around, fit_sensor
-from ogm_mcmc.geometry import PlacedScan, Pose2D
+from ogm_mcmc.geometry import HeldRays, PlacedScan, Pose2D
 
 FITTED = ChainConfig(sensor='fitted')
 
@@ -61,6 +61,14 @@ def test_shares_have_a_floor_and_deviations_of_a_beta():
     share = Share.of(3.0, 200.0)
     assert share.mean == pytest.approx(draws.mean(), rel=0.01)
     assert share.deviation == pytest.approx(draws.std(), rel=0.02)
+
+
+def test_rays_that_are_cast_again_say_the_same(monkeypatch):
+    """Of long recordings rays are held up to a limit only."""
+    scans = scans_of(*[2.0] * 19, 1.0, math.inf, 9.0)
+    model, found = fit_sensor(scans, config())
+    monkeypatch.setattr(HeldRays.__init__, '__defaults__', (3,))
+    assert fit_sensor(scans, config()) == (model, found)
 
 
 def test_given_numbers_stay():

@@ -83,7 +83,9 @@ def in_turn_and_together(config, placed):
     for scan in scans:
         one.update(scan)
     assert all_at_once.takes_together
-    return one, all_at_once, all_at_once.update_all(scans)
+    changed, added = all_at_once.update_all(scans)
+    assert added == len(scans)
+    return one, all_at_once, changed
 
 
 @given(placed=placed_scans, change=configs)

@@ -237,6 +237,16 @@ def test_a_node_that_starts_by_itself_ends_where_it_cannot():
             node.until(lambda: False)
 
 
+def test_a_state_that_somebody_asked_for_does_not_end_the_process():
+    """Also of a node that was starting by itself, while its kernels are compiled."""
+    with local_node(Small, ready=False, fault='no laser') as node:
+        assert node.trigger_deactivate() == TransitionCallbackReturn.SUCCESS
+        assert node.trigger_activate() == TransitionCallbackReturn.SUCCESS
+        node.kernels.set()
+        node.until(lambda: state_of(node) == 'inactive')
+        assert node.logs.of('error') == ['not activated: no laser']
+
+
 def test_refine_says_that_kernels_are_compiled_first(monkeypatch):
     kernels = threading.Event()
     monkeypatch.setattr(RefineServer, 'warm_up', lambda node: kernels.wait(60.0))

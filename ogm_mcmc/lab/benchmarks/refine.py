@@ -128,7 +128,7 @@ def _agreement(
         'ms_per_sweep_and_chain': round(
             1e3 * sampling[1] / progress.sweeps / config.chain.chains, 3
         ),
-        'rays': refinement.window.index.n_rays,
+        'rays': refinement.size.n_rays,
     }
 
 
