@@ -49,7 +49,9 @@ def write_all(
     everything. An old set is replaced as a whole.
     """
     refinement, settings = sampled.refinement, result['settings']
-    mean = refinement.map().cropped()
+    assert refinement.sampler is not None
+    estimate = refinement.sampler.estimate()
+    mean = refinement.map(estimate).cropped()
     paths = {kind: folder / f'{name}.{kind}' for kind in ('npz', 'png', 'pgm', 'yaml')}
     paths['entropy'] = folder / f'{name}_entropy.png'
     if sampled.maps:
@@ -72,10 +74,10 @@ def write_all(
     with replacing_set(folder, name, gone) as scratch:
         layers = _layers(refinement, mean.spec.box)
         shown = hide_uncertain(
-            _on(mean.spec, refinement.known_map()),
+            _on(mean.spec, refinement.known_map(estimate)),
             refinement.prior,
             sampled.margin,
-            refinement.draws,
+            estimate.draws,
         )
         write_map(shown, scratch, output, name)
         save_npz(mean, scratch / f'{name}.npz', settings, layers)

@@ -213,7 +213,7 @@ class PatchConfig:
     )
     escape: float = setting(
         0.02,
-        'share of the draws that also consider patches missing from the prior',
+        'share of the draws of whole patches that also consider patterns missing from the prior',
         low=1e-6,
         high=1.0,
     )

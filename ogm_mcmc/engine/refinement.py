@@ -43,7 +43,7 @@ from ogm_mcmc.sampling import (
 )
 from ogm_mcmc.sampling.estimates import hide_uncertain
 from ogm_mcmc.sampling.informed import known_cells
-from ogm_mcmc.sampling.posterior import ARRIVES, forgotten
+from ogm_mcmc.sampling.posterior import ARRIVES, Estimate, forgotten
 
 __all__ = [
     'IndexSize',
@@ -337,18 +337,20 @@ class Refinement:
 
     # -- maps out ---------------------------------------------------------------------------
 
-    def map(self) -> GridMap:
-        """Return the posterior mean on the window, nan where no ray ever came."""
-        if self.sampler is None:
-            raise WindowError('nothing was sampled yet: no map')
-        return self.grid_map(self.sampler.estimate().mean)
+    def map(self, of: Estimate | None = None) -> GridMap:
+        """Return the posterior mean on the window, nan where no ray ever came.
 
-    def known_map(self) -> GridMap:
-        """Return the posterior mean where data moved it, nan elsewhere (see `known_cells`)."""
-        whole = self.map()
-        assert self.sampler is not None
-        spec = self.window.spec
-        arrival = self.sampler.arrival(self.sampler.estimate().mean)
+        That is a result, of counted sweeps (`PosteriorSampler.estimate`). While sampling goes on
+        `of` may be what is shown until then, `PosteriorSampler.present_estimate`.
+        """
+        return self.grid_map((of or self._sampled().estimate()).mean)
+
+    def known_map(self, of: Estimate | None = None) -> GridMap:
+        """Return `map` where data moved it, nan elsewhere (see `known_cells`)."""
+        sampler, spec = self._sampled(), self.window.spec
+        of = of or sampler.estimate()
+        whole = self.map(of)
+        arrival = sampler.arrival(of.mean)
         arrives = (arrival >= ARRIVES).reshape(spec.height, spec.width)
         known = known_cells(whole.probability, arrives, self.config.patch.margin)
         return GridMap(spec, np.where(known, whole.probability, np.float32(np.nan)))
@@ -358,11 +360,10 @@ class Refinement:
         assert self.sampler is not None
         return GridMap.of_cells(self.window.spec, self.sampler.model.touched, values)
 
-    @property
-    def draws(self) -> int:
-        """Maps of all chains that the posterior mean is the mean of."""
-        assert self.sampler is not None
-        return self.sampler.draws
+    def _sampled(self) -> PosteriorSampler:
+        if self.sampler is None:
+            raise WindowError('nothing was sampled yet: no map')
+        return self.sampler
 
     def settings(self) -> dict[str, Any]:
         """Return what decided the samples: results carry it."""

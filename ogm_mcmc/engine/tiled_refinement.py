@@ -52,9 +52,15 @@ class TiledRefinement(Refinement):
 
     def __init__(self, config: SamplerConfig, columns: int, rows: int, holders: Holders) -> None:
         super().__init__(config)
-        if config.patch.order != 'tiled' or config.patch.random_share > 0.0:
+        patch = config.patch
+        if patch.order != 'tiled':
             raise ConfigError(
-                f'patch.order is {config.patch.order}: expected tiled where the map is in tiles'
+                f'patch.order is {patch.order}: expected tiled where the map is in tiles'
+            )
+        if patch.random_share > 0.0:
+            raise ConfigError(
+                f'patch.random_share is {patch.random_share:g}: expected 0 where the map is in '
+                'tiles'
             )
         self._shape, self._holders = (columns, rows), holders
         self._model: TiledModel | None = None

@@ -339,10 +339,11 @@ class RefineWorker:
     def _hand_over(self, order: _Order, progress: Progress, *, final: bool) -> None:
         if progress.counted == 0 and self.result is not None:
             return  # a map from before is better than the first sweeps of new chains
-        refinement = self._refinement
-        grid_map = refinement.known_map()
-        assert refinement.sampler is not None
-        samples = self._kept.bits(refinement.sampler, refinement.window.spec)
+        refinement, sampler = self._refinement, self._refinement.sampler
+        assert sampler is not None
+        mean = sampler.estimate() if final else sampler.present_estimate()
+        grid_map = refinement.known_map(mean)
+        samples = self._kept.bits(sampler, refinement.window.spec)
         with self._changed:
             if self._forget:
                 return
@@ -350,8 +351,8 @@ class RefineWorker:
             self.result = RefinedMap(
                 self._handed_over,
                 grid_map,
-                self._refinement.prior,
-                self._refinement.draws,
+                refinement.prior,
+                mean.draws,
                 len(order.scans),
                 order.scans[-1].scan.stamp_ns,
                 final,

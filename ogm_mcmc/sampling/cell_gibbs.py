@@ -18,6 +18,7 @@ __all__ = [
     'CellModel',
     'Draw',
     'GibbsState',
+    'IndexedModel',
     'SweepInfo',
     'draw_cells',
     'first_hits',
@@ -81,7 +82,39 @@ def draw_cells(
     return int(sweep_cells(rng, order, cells, records, bits, ceiling, log_odds, *arrays))
 
 
-class CellModel:
+class IndexedModel:
+    """What models share that have all rays of a window in one index.
+
+    `touched` (C,) int32: the cells that are sampled; `telling`: see `informed.telling_cells`.
+    """
+
+    index: RayIndex
+    touched: AnyArray
+    telling: AnyArray
+
+    @property
+    def n_cells(self) -> int:
+        """Number of cells of the window, K."""
+        return self.index.n_cells
+
+    def log_likelihood(self, state: GibbsState) -> float:
+        """Log p(z | m, x), nats."""
+        return float(state.records.view(np.float32)[:, 1].sum(dtype=np.float64))
+
+    def arrival(self, probability: Float32Array, least: float) -> Float32Array:
+        """Return (K,) the chance that a ray arrives at a cell; see `informed.arrival`."""
+        return arrival(self.index, self.telling, probability, least)
+
+    def forget(
+        self, rng: Generator, state: GibbsState, prior_log_odds: float, sweeps: int
+    ) -> None:
+        """Draw all sampled cells one by one, as if they were independent with this prior."""
+        ceiling = highest_probability(self.index, prior_log_odds)
+        for _ in range(sweeps):
+            draw_cells(rng, self.touched, state, self.index, ceiling, prior_log_odds)
+
+
+class CellModel(IndexedModel):
     """p(m | z, x) of a window: its rays, and independent cells with one prior.
 
     `touched` (C,) int32: the cells that a ray crosses; all others keep their prior, independently.
@@ -99,11 +132,6 @@ class CellModel:
         self.ceiling = highest_probability(index, self.prior_log_odds)
         even = (self.touched // width + self.touched % width) % 2 == 0
         self._checkered = np.concatenate((self.touched[even], self.touched[~even]))
-
-    @property
-    def n_cells(self) -> int:
-        """Number of cells of the window, K."""
-        return self.index.n_cells
 
     def start(self, cells: UInt8Array) -> GibbsState:
         """Return the state of a map (K,); cells that no ray crosses are set free.
@@ -139,22 +167,6 @@ class CellModel:
 
     def focus(self, in_doubt: BoolArray) -> None:
         """Return nothing: a settled cell costs next to nothing."""
-
-    def log_likelihood(self, state: GibbsState) -> float:
-        """Log p(z | m, x), nats."""
-        return float(state.records.view(np.float32)[:, 1].sum(dtype=np.float64))
-
-    def arrival(self, probability: Float32Array, least: float) -> Float32Array:
-        """Return (K,) the chance that a ray arrives at a cell; see `informed.arrival`."""
-        return arrival(self.index, self.telling, probability, least)
-
-    def forget(
-        self, rng: Generator, state: GibbsState, prior_log_odds: float, sweeps: int
-    ) -> None:
-        """Draw all sampled cells one by one, as if they were independent with this prior."""
-        ceiling = highest_probability(self.index, prior_log_odds)
-        for _ in range(sweeps):
-            draw_cells(rng, self.touched, state, self.index, ceiling, prior_log_odds)
 
     def log_prior(self, state: GibbsState) -> float:
         """Log p(m) less that of the empty map, nats."""

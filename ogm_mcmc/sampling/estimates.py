@@ -62,7 +62,8 @@ def hide_uncertain(grid_map: GridMap, prior: float, margin: float, draws: int = 
     """Return a map with nan wherever it is no more certain than the prior.
 
     Certain is max(p, 1 - p); a cell is shown when it exceeds that of the prior by `margin`. For a
-    mean of so many `draws` it must also differ from the prior by more than chance makes a cell
+    mean of so many `draws`, all maps that are in it and no others (of the burn-in, too, while the
+    mean of these is shown), it must also differ from the prior by more than chance makes a cell
     differ of which no beam says anything: by three standard errors,
     3 sqrt(prior (1 - prior) / draws), or by being the same in all of enough draws.
     """

@@ -9,7 +9,7 @@ patches set at random (p_randPatch), which does not leave the posterior invarian
 
 Decision. A draw comes from the listed patterns alone, if the present one is among them, and
 leaves the patch as it is otherwise: that is Gibbs sampling of a block, given that it is (or is
-not) in the list. A share `escape` of the draws looks at one pattern more: with r drawn evenly
+not) in the list. A share `escape` of these draws looks at one pattern more: with r drawn evenly
 from the M unlisted ones while the present pattern is listed, and r the present pattern while it
 is not, (pattern, r) has the joint distribution in which, given r, a listed pattern x weighs
 p(x | border) p(z | x) and r weighs M p(r | border) p(z | r). Drawing from these is exact, and
@@ -31,13 +31,14 @@ Design note: cell by cell
 -------------------------
 Context. Readings ask for patterns that no training map shows: a chair leg, a person, a wall that
 the pose error smears. Of the patches near surfaces of Intel (5 cm) 31 % are in a pattern that is
-not listed, and stay there until `escape` finds one pattern out of 500 in two of a hundred draws.
+not listed, and stay there, were they drawn as a whole only, until `escape` finds one pattern out
+of 500 in two of a hundred draws.
 
-Decision. With `flip_cells` every draw of a patch is followed by one of each of its cells in turn,
-from a random one on, given the other eight and the border, listed or not: blocks of the same
-conditional, so the posterior stays as it is. An early exit (see `ogm_mcmc.sampling`) leaves most
-of them without a look at a ray. And most patches at surfaces are settled: sweeps that count look
-most at those with a cell in doubt (`PosteriorSampler`), which makes room for it.
+Decision. With `flip_cells` each cell of a patch is drawn by itself, too, in turn from a random
+one on, given the other eight and the border, listed or not: blocks of the same conditional, so the
+posterior stays as it is. An early exit (see `ogm_mcmc.sampling`) leaves most of them without a
+look at a ray. And most patches at surfaces are settled: sweeps that count look most at those with
+a cell in doubt (`PosteriorSampler`), which makes room for it.
 
 Consequence. Intel, 5 cm, 910 scans, two chains, processor time of both after about 30 s (a busy
 machine, the same for all), of which the burn-in took 11 to 19; in one run each:
@@ -91,15 +92,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.random import Generator
 
-from ogm_mcmc.arrays import AnyArray, BoolArray, Float32Array, UInt8Array
+from ogm_mcmc.arrays import AnyArray, BoolArray, UInt8Array
 from ogm_mcmc.errors import GridError, WindowError, require
-from ogm_mcmc.sampling.cell_gibbs import (
-    GibbsState,
-    draw_cells,
-    first_hits,
-    highest_probability,
-)
-from ogm_mcmc.sampling.informed import arrival, telling_cells
+from ogm_mcmc.sampling.cell_gibbs import GibbsState, IndexedModel, first_hits
+from ogm_mcmc.sampling.informed import telling_cells
 from ogm_mcmc.sampling.patch_gibbs_kernels import sweep_patches
 from ogm_mcmc.sampling.patch_patterns import ring_cells
 from ogm_mcmc.sampling.patch_places import PatchPlaces, focused, patch_places, told_cells, turn
@@ -119,7 +115,7 @@ WHOLE_SHARE = 0.25
 PATCH_ORDERS = ('tiled', 'random')
 
 
-class PatchModel:
+class PatchModel(IndexedModel):
     """A window of rays and a prior over patches; the cells at its rim stay as they start.
 
     One sweep draws K / L patches: `tiled`, side by side from a random offset, so that every cell
@@ -161,7 +157,7 @@ class PatchModel:
             n_known = 0 if telling is None else telling.size
             self.told = told | told_cells(index, self.telling, n_known)
         self._places = patch_places(index, self.told, width, side, margin)
-        self.touched: AnyArray = self._places.touched
+        self.touched = self._places.touched
         if self.touched.size == 0:
             raise WindowError(
                 f'no patch of {side} x {side} cells within {margin} cells of what a beam tells '
@@ -172,11 +168,6 @@ class PatchModel:
         self._inner = (places[0] * width + places[1]).astype(np.int64)
         ring = ring_cells(side).astype(np.int64)
         self._ring = ring[:, 0] * width + ring[:, 1]
-
-    @property
-    def n_cells(self) -> int:
-        """Number of cells of the window, K."""
-        return self.index.n_cells
 
     def start(self, cells: UInt8Array) -> GibbsState:
         """Return the state of a map (K,). Raises GridError when it is of another size."""
@@ -248,19 +239,3 @@ class PatchModel:
             count = max(1, places.corners.size // self.table.side**2)
             return rng.choice(places.corners, count)
         return turn(rng, places)
-
-    def log_likelihood(self, state: GibbsState) -> float:
-        """Log p(z | m, x), nats."""
-        return float(state.records.view(np.float32)[:, 1].sum(dtype=np.float64))
-
-    def arrival(self, probability: Float32Array, least: float) -> Float32Array:
-        """Return (K,) the chance that a ray arrives at a cell; see `informed.arrival`."""
-        return arrival(self.index, self.telling, probability, least)
-
-    def forget(
-        self, rng: Generator, state: GibbsState, prior_log_odds: float, sweeps: int
-    ) -> None:
-        """Draw all sampled cells one by one, as if they were independent with this prior."""
-        ceiling = highest_probability(self.index, prior_log_odds)
-        for _ in range(sweeps):
-            draw_cells(rng, self.touched, state, self.index, ceiling, prior_log_odds)

@@ -254,12 +254,14 @@ def sweep_patches(
     """Draw one patch after the other given its border and all rays; return the flipped cells.
 
     corners  (P,) int32; inner, ring  offsets of the cells of the patch and of its border
-    escape        share of draws that also consider one pattern that is not listed
-    random_share  share of draws that take any pattern without looking ([patch] p_randPatch); above
-                  0, patterns that are not listed count as impossible, as published
-    flip_cells    so many cells of each patch, from a random one on, are drawn afterwards one by
-                  one given the others, whatever the table lists
-    whole_share   share of patches that are drawn as a whole before that
+    whole_share   share of patches that are drawn as a whole
+    escape        share of the draws of whole patches that also consider one pattern that is not
+                  listed
+    random_share  share of the draws of whole patches that take any pattern without looking
+                  ([patch] p_randPatch); above 0, patterns that are not listed count as
+                  impossible, as published
+    flip_cells    so many cells of each patch, from a random one on, are drawn after that, or
+                  instead, one by one given the others, whatever the table lists
     """
     cells, records, bits = borrowed(cells), borrowed(records), borrowed(bits)
     marks, lists, full, gain = borrowed(marks), borrowed(lists), borrowed(full), borrowed(gain)
@@ -289,7 +291,9 @@ def sweep_patches(
         cells_only = whole_share < 1.0 and rng.random() >= whole_share
         chosen = current
         listed = place_in(candidates, first, last, current) >= 0
-        if cells_only or (n_options == 1 and settled and not (beyond or reckless)):
+        if cells_only:
+            pass  # `beyond` and `reckless` are of whole patches
+        elif n_options == 1 and settled and not (beyond or reckless):
             pass  # one candidate: no ray can change that
         elif reckless:
             chosen = np.int64(rng.random() * patterns)

@@ -78,10 +78,14 @@ class PosteriorModel(Protocol):
 
 
 class Estimate(NamedTuple):
-    """Posterior mean (C,) of the touched cells after so many counted sweeps of each chain."""
+    """Posterior mean (C,) of the touched cells after so many counted sweeps of each chain.
+
+    `draws`: the maps of all chains that it is the mean of.
+    """
 
     mean: Float32Array
     sweeps: int
+    draws: int
 
 
 class PosteriorSampler:
@@ -95,8 +99,8 @@ class PosteriorSampler:
     follows from the counts up to then; in between every patch has a fixed chance to be drawn,
     which leaves the posterior as it is.
 
-    Sweeps of the burn-in are counted apart, for a map to show before there are others: the later
-    half of them, until as many have been counted that count.
+    Sweeps of the burn-in are counted apart, for a map to show before there are others; see
+    `present_estimate`. A result is `estimate`: of counted sweeps alone, as R-hat and errors are.
     """
 
     round_s = 0.1
@@ -165,25 +169,32 @@ class PosteriorSampler:
         return self.counts[0].n_sweeps
 
     def estimate(self) -> Estimate:
-        """Return the posterior mean so far; before the first sweep, of the starts.
+        """Return the posterior mean of the counted sweeps; before the first, what there is.
 
-        Until enough sweeps count those of the later half of the burn-in help out.
+        That is the mean of the later half of the burn-in, and without a sweep of the starts.
         """
-        parts = [counts.total() for counts in self.counts if counts.n_sweeps > 0]
-        parts += [counts.recent() for counts in self._helping() if counts.n_sweeps > 0]
-        if not parts:
-            parts = [state.cells[self.model.touched] for state in self.states]
-        total = np.zeros(self.model.touched.size)
-        for part in parts:
-            total += part
-        mean: Float32Array = (total / self.draws).astype(np.float32)
-        return Estimate(mean, self.counted)
+        if self.counted == 0:
+            return self.present_estimate()
+        return self._mean_of([(counts.total(), counts.n_sweeps) for counts in self.counts])
 
-    @property
-    def draws(self) -> int:
-        """Maps of all chains that `estimate` is the mean of."""
-        helping = sum(counts.n_recent for counts in self._helping())
-        return max(self.counted * len(self.states) + helping, len(self.states))
+    def present_estimate(self) -> Estimate:
+        """Return a mean to show while sampling goes on, soon smooth, but no result.
+
+        Until as many sweeps count, those of the later half of the burn-in are in it, too.
+        """
+        parts = [(counts.total(), counts.n_sweeps) for counts in self.counts if self.counted > 0]
+        parts += [(counts.recent(), counts.n_recent) for counts in self._helping()]
+        return self._mean_of(
+            parts or [(state.cells[self.model.touched], 1) for state in self.states]
+        )
+
+    def _mean_of(self, parts: Sequence[tuple[AnyArray, int]]) -> Estimate:
+        """Return the mean of maps: how often (C,) cells were occupied in how many."""
+        total, draws = np.zeros(self.model.touched.size), 0
+        for occupied, n_maps in parts:
+            total += occupied
+            draws += n_maps
+        return Estimate((total / draws).astype(np.float32), self.counted, draws)
 
     def _helping(self) -> list[BatchCounts]:
         return [counts for counts in self._settling if counts.n_recent > self.counted]
@@ -277,8 +288,12 @@ class PosteriorSampler:
                 rng.bit_generator.state = header['generators'][j]
                 sampler.rngs.append(rng)
             chains = len(sampler.states)
-            settling = range(chains, chains + min(int(header.get('settling', 0)), chains))
-            sampler._settling = [_counts_in(held, j, model.touched.size) for j in settling]
+            settling = int(header.get('settling', 0))
+            if settling not in (0, chains):
+                raise ValueError(f'burn-in of {settling} chains: expected 0 or {chains}')
+            sampler._settling = [
+                _counts_in(held, chains + j, model.touched.size) for j in range(settling)
+            ]
             if len(sampler.states) != header['chains']:
                 raise ValueError(f'{header["chains"]} chains: expected as many generators')
             sampler._check_loaded(path, header['log_likelihoods'])

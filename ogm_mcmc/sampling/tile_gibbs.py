@@ -27,9 +27,10 @@ class TileJob(NamedTuple):
     cells     bits of the box's cells
     behind    (n,) float32 of its rays, see `tile_kernels`
     seed      of the draw
-    corners   (P,) int32: patches by their lower left cell in the box, to be drawn in turn; None:
-    mask      bits of the box's cells that are drawn one by one
-    number    log-odds of the prior of these, or the `escape` of patches
+    corners   (P,) int32: patches, by their lower left cell in the box, to be drawn in turn; or
+              None, and then the cells of `mask` are drawn one by one
+    mask      bits of the box's cells, empty with patches
+    number    log-odds of the prior of cells, or the `escape` of patches
     order     of cells, see `cell_gibbs.ORDERS`
     """
 

@@ -54,6 +54,11 @@ class TileRays(NamedTuple):
     unseen: Float32Array
     telling: AnyArray
 
+    @property
+    def n_bytes(self) -> int:
+        """Memory of all arrays."""
+        return self.local.n_bytes + sum(int(array.nbytes) for array in self[1:])
+
     def told(self) -> BoolArray:
         """Cells of the box (K,) that a ray with something to tell would come to, were all free."""
         told = np.zeros(self.local.n_cells, np.float32)
@@ -90,8 +95,17 @@ def tile_rays(
 ) -> TileRays:
     """Return what a tile of the window of these scans holds.
 
-    Raises WindowError when that would take more than `max_memory_mb`.
+    Raises WindowError when that takes more than `max_memory_mb`; while it is made there is about
+    twice as much for a moment.
     """
+
+    def check(n_bytes: int) -> None:
+        if n_bytes > config.max_memory_mb * 1e6:
+            raise WindowError(
+                f'tile {tile + 1} of {len(tiling.tiles)} needs more than max_memory_mb = '
+                f'{config.max_memory_mb:g}: expected more tiles, or fewer scans'
+            )
+
     box, parts, held = tiling.tiles[tile].box, [], 0
     forward = ForwardModel.from_config(model)
     nothing = RayWindow(config, model).index
@@ -103,13 +117,11 @@ def tile_rays(
         numbers = first + np.flatnonzero(crossing)
         part = _part(_indexed(nothing, chosen, config, forward), numbers, tiling, tile)
         parts.append(part)
-        held += 60 * part.numbers.size + 8 * len(part.near)
-        if held > config.max_memory_mb * 1e6:
-            raise WindowError(
-                f'tile {tile + 1} of {len(tiling.tiles)} needs more than max_memory_mb = '
-                f'{config.max_memory_mb:g}: expected more tiles, or fewer scans'
-            )
-    return _joined(nothing, parts, tiling.spec.windowed(box))
+        held += sum(int(array.nbytes) for array in part)
+        check(held)
+    rays = _joined(nothing, parts, tiling.spec.windowed(box))
+    check(rays.n_bytes)
+    return rays
 
 
 def arrivals(

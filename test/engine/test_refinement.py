@@ -178,6 +178,28 @@ def test_nothing_to_sample_is_refused():
     assert refinement.take([NOTHING, FIRST]) == 4
 
 
+def test_a_result_is_of_counted_sweeps_alone():
+    """Shown while sampling goes on is the burn-in, too, and it says so."""
+    refinement = taken(FIRST, SECOND, chains=2)
+    sampler = refinement.sampler
+    sampler.advance(10)
+    found = []
+    for _ in range(2):
+        sampler.advance(1)
+        found += [state.cells[sampler.model.touched] for state in sampler.states]
+    expected = refinement.grid_map(np.mean(found, axis=0).astype(np.float32)).probability
+    assert np.array_equal(refinement.map().probability, expected, equal_nan=True)
+    known = refinement.known_map().probability
+    inside = np.isfinite(known)
+    assert np.array_equal(known[inside], expected[inside])
+    present = sampler.present_estimate()
+    assert (sampler.estimate().draws, present.draws) == (4, 14)
+    shown = refinement.map(present).probability
+    assert not np.array_equal(shown, expected, equal_nan=True)
+    known = refinement.known_map(present).probability
+    assert np.array_equal(known[np.isfinite(known)], shown[np.isfinite(known)])
+
+
 @pytest.mark.parametrize('extends', [True, False])
 def test_too_much_is_refused_and_sampling_can_go_on(extends):
     far = scan_at(4000.0, 4000.0, 1.0, 2.0)  # a window of many cells

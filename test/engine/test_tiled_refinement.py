@@ -87,6 +87,8 @@ def test_the_sensor_is_fitted_once_where_all_scans_are(scans):
 def test_what_cannot_be_in_tiles(scans):
     with pytest.raises(ConfigError, match=r'patch\.order is random: expected tiled'):
         TiledRefinement(config(prior='border', size=9, order='random'), 2, 2, LocalHolders())
+    with pytest.raises(ConfigError, match=r'patch\.random_share is 0\.1: expected 0 where'):
+        TiledRefinement(config(prior='border', size=9, random_share=0.1), 2, 2, LocalHolders())
     tiles = TiledRefinement(config(), 100, 2, LocalHolders())
     with pytest.raises(WindowError, match='100x2 tiles of'):
         tiles.take(scans[:2])

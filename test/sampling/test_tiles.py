@@ -1,6 +1,7 @@
 """Tiles of a map: what each holds, that it draws as the whole does, that the posterior stays."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from ogm_mcmc.sampling import CellModel, PosteriorSampler, RayWindow
 from ogm_mcmc.sampling.cell_gibbs import draw_cells
 from ogm_mcmc.sampling.patch_gibbs import PatchModel
 from ogm_mcmc.sampling.patch_prior import make_table
+from ogm_mcmc.sampling.tile_index import tile_rays
 from ogm_mcmc.sampling.tiles import MapTile, colours, tiling_of
 
 MODEL = ForwardModelConfig(sigma=0.6, clutter=0.1, missing=0.1)
@@ -325,6 +327,15 @@ def test_tiles_that_cannot_be(scans, window):
     few = WindowConfig(resolution=1.0, max_memory_mb=1.0)
     with pytest.raises(WindowError, match='tile 1 of 2 needs more than max_memory_mb'):
         tiled(room(n_scans=2, n_beams=9000), few, MODEL, tiling, None)
+
+
+def test_the_limit_of_memory_is_of_what_a_tile_holds(window):
+    many, tiling = room(n_scans=2, n_beams=12_000), tiling_of(window.spec, 2, 1, 0)
+    n_bytes = tile_rays(many, WINDOW, MODEL, tiling, 1).n_bytes
+    enough = replace(WINDOW, max_memory_mb=(n_bytes + 1) / 1e6)
+    assert tile_rays(many, enough, MODEL, tiling, 1).n_bytes == n_bytes
+    with pytest.raises(WindowError, match='tile 2 of 2 needs more than max_memory_mb'):
+        tile_rays(many, replace(WINDOW, max_memory_mb=(n_bytes - 1) / 1e6), MODEL, tiling, 1)
 
 
 def test_arrivals_are_those_of_the_whole(scans, window):

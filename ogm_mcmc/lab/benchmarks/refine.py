@@ -156,7 +156,9 @@ def _first_better(
         if looks and now.wall < NEXT_LOOK * looks[-1]['wall']:
             continue
         clock.pause()
-        refined = nats(refinement.map(), refinement.prior)
+        assert refinement.sampler is not None
+        shown = refinement.map(refinement.sampler.present_estimate())
+        refined = nats(shown, refinement.prior)
         looks.append({**now.rounded(), 'sweeps': progress.sweeps, 'nats': refined})
         if first is None and refined > live:
             first = now
