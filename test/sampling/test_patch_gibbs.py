@@ -307,15 +307,18 @@ def test_patches_and_cells_find_the_exact_marginals():
     inside[1:-1, 1:-1] = True
     assert inside.reshape(-1)[exact.touched].all()
     assert np.ptp(exact.marginals) > 0.3
-    for sampler in (
-        CellModel(index, log_odds, 7),
-        PatchModel(index, 7, make_table('uniform', 9, p_occupied=0.3)),
-        PatchModel(index, 7, make_table('uniform', 9, p_occupied=0.3), order='random'),
-        PatchModel(index, 7, make_table('uniform', 1, p_occupied=0.3)),
-        PatchModel(index, 7, make_table('uniform', 9, p_occupied=0.3), margin=2, flip_cells=True),
+    patches, single = (make_table('uniform', size, p_occupied=0.3) for size in (9, 1))
+    # Where cells hold each other as here, it is whole patches that mix.
+    by_cells = PatchModel(index, 7, patches, margin=2, flip_cells=True)
+    for sampler, n_sweeps in (
+        (CellModel(index, log_odds, 7), 5_000),
+        (PatchModel(index, 7, patches), 20_000),
+        (PatchModel(index, 7, patches, order='random'), 20_000),
+        (PatchModel(index, 7, single), 5_000),
+        (by_cells, 60_000),
     ):
         chains = PosteriorSampler(sampler, [np.zeros(49, np.uint8)] * 2, seed=3, burn_in=50)
-        chains.advance(20_050)
+        chains.advance(50 + n_sweeps)
         quality = chains.quality()
         places = np.searchsorted(sampler.touched, exact.touched)
         error = chains.estimate().mean[places] - exact.marginals
