@@ -17,7 +17,7 @@ from ogm_mcmc.engine.tiled_refinement import TiledRefinement
 from ogm_mcmc.errors import ConfigError, WindowError
 from ogm_mcmc.simulation import WORLDS, Lidar, record
 
-STOP = StopConfig(max_sweeps=100, max_time=1e6, r_hat=0.0)
+STOP = StopConfig(max_sweeps=60, max_time=1e6, r_hat=0.0)
 
 
 def config(seed=5, **patch):
@@ -46,7 +46,7 @@ def test_tiles_and_whole_are_one_posterior(scans, tmp_path):
     assert tiles.size.n_pairs >= whole.size.n_pairs
     for refinement in (whole, tiles):
         *_, last = refinement.run(STOP)
-        assert (last.counted, last.reason) == (80, 'sweeps')
+        assert (last.counted, last.reason) == (40, 'sweeps')
     assert np.array_equal(tiles.sampler.model.touched, whole.sampler.model.touched)
     ours, theirs = tiles.sampler.quality(), whole.sampler.quality()
     # What lies behind surfaces is the prior's, and takes long to agree about.
