@@ -25,8 +25,9 @@ from ogm_mcmc.cli.options import (
 )
 from ogm_mcmc.cli.simulated_sensor import FURTHEST_M
 from ogm_mcmc.cli.simulated_world import check_cells
-from ogm_mcmc.config import ForwardModelConfig, MapperConfig, PlacingConfig
-from ogm_mcmc.config.nodes import NodeWindowConfig, RefineSamplerConfig
+from ogm_mcmc.config import ForwardModelConfig, PlacingConfig
+from ogm_mcmc.config.nodes import NodeMapperConfig, NodeWindowConfig, RefineSamplerConfig
+from ogm_mcmc.engine.no_returns import NoReturnChoice, no_return_of
 from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.geometry import PlacedScan, PoseBelief
 from ogm_mcmc.io.world_files import load_world
@@ -85,7 +86,7 @@ def add_to(subparsers: Subparsers) -> None:
     online.add_argument(
         '--yaw-sigma', type=float, default=0.0, help='doubt about every heading, rad (1 sigma)'
     )
-    add_config_options(online, 'mapping', MapperConfig, PlacingConfig)
+    add_config_options(online, 'mapping', NodeMapperConfig, PlacingConfig)
     add_stream_options(online)
     online.set_defaults(run=run_online)
     _add_sample(cases)
@@ -234,7 +235,7 @@ def run_online(options: argparse.Namespace) -> int:
     check_options(options, ONLINE_RANGES)
     # The scene stays the same whatever a bag needs.
     _refuse_without_bag(options, ('resolution', 'no_return', 'max_range'))
-    config = config_from(options, MapperConfig)
+    config = config_from(options, NodeMapperConfig)
     sigmas = (options.pose_sigma, options.pose_sigma, options.yaw_sigma)
     scene = generated_scene() if options.scene is None else load_scene(options.scene)
     # The scene stays the same whatever the bag needs: beams that hit nothing clear.
@@ -248,8 +249,15 @@ def run_online(options: argparse.Namespace) -> int:
     if options.bag is not None:
         placing = config_from(options, PlacingConfig)
         placed = read_bag(options, placing, config).placed
+        found = (
+            NoReturnChoice.of_cones(config.no_return)
+            if config.method == 'sonar'
+            else no_return_of(config.no_return, placed, config.resolution, config.max_range)
+        )
+        config = replace(config, no_return=found.value)
         result['bag'] = {
             **time_online(doubted(placed, sigmas), config, options.repeats),
+            'no_return': found.value,
             'source': options.bag.name,
         }
     print(json.dumps(result))

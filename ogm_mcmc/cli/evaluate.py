@@ -50,14 +50,13 @@ from ogm_mcmc.config import (
     HeldOutConfig,
     HeldOutPointsConfig,
     PlacingConfig,
-    SamplerConfig,
     add_arguments,
     build,
     flatten,
     given,
     settings_of,
 )
-from ogm_mcmc.config.nodes import REFINE_CONFIGS
+from ogm_mcmc.config.nodes import REFINE_CONFIGS, RefineSamplerConfig
 from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.files.output_files import checked_name
 from ogm_mcmc.geometry import GridMap
@@ -70,7 +69,7 @@ __all__ = ['add_to']
 OF_BEAMS = ('window.max_range', 'window.no_return')
 NOT_OF_BEAMS = tuple(
     leaf.name
-    for leaf in settings_of(SamplerConfig)
+    for leaf in settings_of(RefineSamplerConfig)
     if not leaf.name.startswith('model.') and leaf.name not in OF_BEAMS
 )
 
@@ -122,7 +121,7 @@ def add_to(subparsers: Subparsers) -> None:
     add_arguments(beams, HeldOutPointsConfig)
     add_stream_options(parser)
     add_arguments(parser.add_argument_group('lidar (--pose)'), ExpectedScanConfig)
-    configs = (SamplerConfig, PlacingConfig)
+    configs = (RefineSamplerConfig, PlacingConfig)
     title = 'how beams are understood (--beams, --pose)'
     add_config_options(parser, title, *configs, without=NOT_OF_BEAMS, short=SHORT)
     add_max_cells(parser)
@@ -201,7 +200,7 @@ def _answers(
 ) -> dict[str, Answer]:
     """Ask the judges that were named; what is refused is refused before what takes long."""
     read = partial(config_from, options, node='refine_server', node_configs=REFINE_CONFIGS)
-    sampler, placing = read(SamplerConfig), read(PlacingConfig)
+    sampler, placing = read(RefineSamplerConfig), read(PlacingConfig)
     choice = build(HeldOutConfig, given(options, HeldOutConfig))
     points = build(HeldOutPointsConfig, given(options, HeldOutPointsConfig))
     expected = build(ExpectedScanConfig, given(options, ExpectedScanConfig))

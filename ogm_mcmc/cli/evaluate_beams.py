@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from tqdm import tqdm
@@ -13,7 +14,7 @@ from ogm_mcmc.arrays import AnyArray, Float64Array
 from ogm_mcmc.cli.bag_scans import BagScans, read_bag
 from ogm_mcmc.cli.evaluate_answer import Answer
 from ogm_mcmc.config import HeldOutConfig, PlacingConfig, SamplerConfig, flatten
-from ogm_mcmc.config.sampling import WindowConfig
+from ogm_mcmc.engine.no_returns import NoReturnChoice, no_return_of
 from ogm_mcmc.errors import BagError
 from ogm_mcmc.evaluation import (
     HeldOutBeams,
@@ -27,10 +28,18 @@ from ogm_mcmc.io.sample_files import load_samples
 from ogm_mcmc.plotting import Picture, Series, curves_png, heat_png, probability_png
 from ogm_mcmc.sensors.forward_model import ForwardModel
 
-__all__ = ['beam_figures', 'beam_settings', 'by_beams', 'read_figures', 'read_held_out']
+__all__ = ['Held', 'beam_figures', 'beam_settings', 'by_beams', 'read_figures', 'read_held_out']
 
 # So many nats below the usual log-likelihood are a great surprise.
 SURPRISE = 6.0
+
+
+class Held(NamedTuple):
+    """A bag, the beams of it that judge, and what a range of +inf was taken to mean."""
+
+    bag: BagScans
+    beams: HeldOutBeams
+    no_return: NoReturnChoice
 
 
 def by_beams(
@@ -46,11 +55,12 @@ def by_beams(
     Returns the beams, too. A scan is taken to come from the mean of the belief about its pose.
     """
     samples = None if options.samples is None else load_samples(options.samples, options.max_cells)
-    model, window = ForwardModel.from_config(sampler.model), sampler.window
-    bag, beams = read_held_out(options, [grid_map.spec], choice, placing, window)
+    model = ForwardModel.from_config(sampler.model)
+    held = read_held_out(options, [grid_map.spec], choice, placing, sampler)
+    beams = held.beams
     with tqdm(beams.placed, unit=' scans', desc='judge', disable=None) as bar:
         values = beam_log_likelihood(grid_map, bar, model, prior=unknown)
-    figures = {**read_figures(options, bag, beams), **beam_figures(beams, values)}
+    figures = {**read_figures(options, held), **beam_figures(beams, values)}
     if samples is not None:
         maps = tqdm(
             samples.grid_maps(), total=len(samples.maps), unit=' maps', desc='judge', disable=None
@@ -63,7 +73,7 @@ def by_beams(
             'above_map': _named(beams.mean(mixture - values)),
         }
     pictures = _pictures(grid_map, beams, values)
-    settings = beam_settings(choice, placing, sampler)
+    settings = beam_settings(choice, placing, sampler, held.no_return)
     answer = Answer(figures, _rows(figures), [('Held-out beams', pictures)], settings)
     return answer, beams
 
@@ -73,15 +83,19 @@ def read_held_out(
     specs: Sequence[GridSpec],
     choice: HeldOutConfig,
     placing: PlacingConfig,
-    window: WindowConfig,
-) -> tuple[BagScans, HeldOutBeams]:
+    sampler: SamplerConfig,
+) -> Held:
     """Read `options.bag` and choose the beams that judge maps of those grids, all the same ones.
 
     With `leaving` exclude they end inside of every map; their cells are those of the last grid.
+    Where `window.no_return` is auto, all scans of the bag tell what +inf means.
     """
+    window = sampler.window
     bag = read_bag(options, placing)
     placed, left_out = bag.placed[:: choice.beams_stride], 0
-    no_return = window.no_return
+    cell_m = min(spec.resolution_m for spec in specs)
+    found = no_return_of(window.no_return, bag.placed, cell_m, window.max_range)
+    no_return = found.value
     for spec in specs:
         beams = held_out_beams(
             placed,
@@ -97,13 +111,17 @@ def read_held_out(
             f'{options.bag}: no beam of {len(bag.placed)} placed scans says anything '
             f'({left_out} left out because they end outside of the map): expected some'
         )
-    return bag, beams._replace(left_out=left_out)
+    return Held(bag, beams._replace(left_out=left_out), found)
 
 
 def beam_settings(
-    choice: HeldOutConfig, placing: PlacingConfig, sampler: SamplerConfig
+    choice: HeldOutConfig,
+    placing: PlacingConfig,
+    sampler: SamplerConfig,
+    no_return: NoReturnChoice,
 ) -> dict[str, Any]:
     """Return the settings that say how beams were chosen and understood."""
+    sampler = replace(sampler, window=replace(sampler.window, no_return=no_return.value))
     return {
         **{
             name: value
@@ -115,10 +133,9 @@ def beam_settings(
     }
 
 
-def read_figures(
-    options: argparse.Namespace, bag: BagScans, beams: HeldOutBeams
-) -> dict[str, Any]:
+def read_figures(options: argparse.Namespace, held: Held) -> dict[str, Any]:
     """Return what was read and used, for the JSON."""
+    bag, beams = held.bag, held.beams
     return {
         'bag': str(options.bag),
         'scan_topic': bag.topics.scan_names,
@@ -129,6 +146,7 @@ def read_figures(
         'dropped': bag.dropped,
         'scans_used': len(beams.placed),
         'left_out': beams.left_out,
+        'meaning_of_no_return': {**held.no_return.as_dict(), 'why': str(held.no_return)},
     }
 
 
@@ -166,6 +184,8 @@ def _rows(of: dict[str, Any]) -> list[tuple[str, str]]:
     ):
         if of[key]['beams']:
             rows.append((name, f'{_shown(of[key])} ({of[key]["beams"]})'))
+    if of['meaning_of_no_return']['why']:
+        rows.append(('beams without a return', of['meaning_of_no_return']['why']))
     if of['left_out']:
         rows.append(('left out, ending outside', str(of['left_out'])))
     if 'samples' in of:

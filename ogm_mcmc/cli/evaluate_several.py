@@ -145,7 +145,8 @@ def compared_by_beams(
     """Judge all maps by the same beams and the same points along them."""
     model = ForwardModel.from_config(sampler.model)
     specs = [one.spec for one in maps.values()]
-    bag, beams = read_held_out(options, specs, choice, placing, sampler.window)
+    held = read_held_out(options, specs, choice, placing, sampler)
+    beams = held.beams
     points = held_out_points(beams, point_choice.point_step) if options.points else None
     values, scores, figures, columns = {}, {}, {}, {}
     for name, grid_map in maps.items():
@@ -188,8 +189,8 @@ def compared_by_beams(
             'Reliability at points of held-out beams',
         )
         sections.insert(0, ('Calibration at held-out points', [curves]))
-    settings = {**beam_settings(choice, placing, sampler), **flatten(point_choice)}
-    common = read_figures(options, bag, beams)
+    settings = {**beam_settings(choice, placing, sampler, held.no_return), **flatten(point_choice)}
+    common = read_figures(options, held)
     return Compared(figures, columns, common, differences, sections, settings)
 
 

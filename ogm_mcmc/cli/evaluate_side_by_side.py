@@ -21,12 +21,11 @@ from ogm_mcmc.config import (
     HeldOutConfig,
     HeldOutPointsConfig,
     PlacingConfig,
-    SamplerConfig,
     build,
     flatten,
     given,
 )
-from ogm_mcmc.config.nodes import REFINE_CONFIGS
+from ogm_mcmc.config.nodes import REFINE_CONFIGS, RefineSamplerConfig
 from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.io.map_files import load_grid
 from ogm_mcmc.plotting import Page
@@ -92,7 +91,7 @@ def _asked(
     options: argparse.Namespace, maps: Mapping[str, Any], config: EvaluationConfig
 ) -> dict[str, Compared]:
     read = partial(config_from, options, node='refine_server', node_configs=REFINE_CONFIGS)
-    sampler, placing = read(SamplerConfig), read(PlacingConfig)
+    sampler, placing = read(RefineSamplerConfig), read(PlacingConfig)
     choice = build(HeldOutConfig, given(options, HeldOutConfig))
     points = build(HeldOutPointsConfig, given(options, HeldOutPointsConfig))
     answers: dict[str, Compared] = {}
@@ -126,8 +125,9 @@ def _lines(header: list[str], rows: list[list[str]]) -> list[str]:
 
 
 def _said(answer: Compared) -> list[str]:
-    """Return what the differences between two maps are, a line for each pair."""
-    lines = []
+    """Return what +inf was taken to mean, and a line for each pair of maps."""
+    why = answer.common.get('meaning_of_no_return', {}).get('why', '')
+    lines = [why] if why else []
     for of in answer.differences:
         pair = f'{of["map"]} against {of["against"]}:'
         if 'nats_per_beam' in of:

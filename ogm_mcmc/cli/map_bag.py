@@ -143,8 +143,7 @@ def _map_all(config: MapperConfig, scans: PlacedScans) -> _Mapped:
     stream = iter(scans)
     first = list(itertools.islice(stream, AHEAD))
     if config.method == 'sonar':
-        # Cones are not told apart by what they cross.
-        choice = NoReturnChoice.of(config.no_return, watch.judge())
+        choice = NoReturnChoice.of_cones(config.no_return)
     else:
         choice = no_return_of(config.no_return, first, config.resolution, config.max_range)
     pipeline = MappingPipeline(replace(config, no_return=choice.value))

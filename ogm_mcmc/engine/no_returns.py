@@ -4,9 +4,9 @@ A beam without a return says that there is nothing up to range_max (REP 117), or
 came back too weak: from glass, dark or distant walls. The recording tells which: in the first case
 such beams go where nothing is, in the second straight through walls that other beams see.
 
-`no_return: auto` goes by that. A recording is looked at first (`no_return_of`). A live map cannot
-look ahead: it begins with ignore, because what is cleared wrongly stays so until the wall is seen
-again, and what is not cleared waits for the next beam (`LiveNoReturn`).
+`no_return: auto` goes by that, and takes ignore where too few beams tell: what is cleared wrongly
+is lost, and what is not cleared waits for the next beam. A recording is looked at first
+(`no_return_of`). A live map cannot look ahead: it begins with ignore (`LiveNoReturn`).
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ MOST_BEAMS = 1500
 # A cell counts as hit when so many beams of other scans ended in it.
 HITS = 2
 
-# From this share on such beams are taken to have lost what they met; fewer than so many beams
-# tell nothing.
+# Above this share such beams are taken to have lost what they met; fewer than so many beams tell
+# nothing.
 MOST = 0.5
 FEWEST_BEAMS = 20
 
@@ -38,6 +38,9 @@ FEWEST_BEAMS = 20
 # fewer beams, as scans wait meanwhile.
 FIRST_LOOK = 25
 LIVE_BEAMS = 400
+
+# Where they clear because the user says so, a look is for a warning only: so seldom.
+CLEAR_LOOK, CLEAR_LOOK_AGAIN = 100, 10
 
 # At first beams cross little, for little is mapped: 13 % after 25 scans of the Freiburg log, 22 %
 # after 50, 52 % after 100. So a live map lets them clear after so many scans in so many squares of
@@ -69,17 +72,24 @@ class NoReturns(NamedTuple):
         return self.crossing / self.beams if self.beams else 0.0
 
     @property
+    def few(self) -> bool:
+        """Whether these are too few to tell."""
+        return self.beams < FEWEST_BEAMS
+
+    @property
     def doubtful(self) -> bool:
         """Whether most of them do."""
-        return self.beams >= FEWEST_BEAMS and self.share > MOST
+        return not self.few and self.share > MOST
 
     @property
     def judged(self) -> str:
         """What +inf means by that."""
-        return 'ignore' if self.doubtful else 'clear'
+        return 'ignore' if self.few or self.doubtful else 'clear'
 
     def __str__(self) -> str:
         """Return what was seen, for the user."""
+        if self.few:
+            return f'too few beams without a return to tell ({self.beams})'
         return f'{self.share:.0%} of the beams without a return cross cells that other beams hit'
 
 
@@ -95,14 +105,19 @@ class NoReturnChoice(NamedTuple):
         """Decide where `auto` is asked for."""
         return cls(found.judged if asked == 'auto' else asked, asked, found)
 
+    @classmethod
+    def of_cones(cls, asked: str) -> NoReturnChoice:
+        """Decide for sonars: their cones are not told apart by what they cross, and clear."""
+        return cls('clear' if asked == 'auto' else asked, asked, NoReturns(0, 0))
+
     def __str__(self) -> str:
         """Return one line for the user; empty where there is nothing to say."""
         if self.asked == 'auto' and self.found.beams > 0:
             other = 'clear' if self.value == 'ignore' else 'ignore'
             if self.value != self.found.judged:
                 return (
-                    f'no_return auto took {self.value} by what the first scans told, but of all '
-                    f'{self.found}: no_return: {other} is better'
+                    f'no_return auto: {self.value} was chosen from the first scans, but over all '
+                    f'scans {self.found}: set no_return: {other}'
                 )
             return f'no_return auto: {self.value}, {self.found} (or say no_return: {other})'
         if self.value == 'clear' and self.found.doubtful:
@@ -205,24 +220,24 @@ class LiveNoReturn:
 
     def __init__(self, asked: str, resolution_m: float, reach_m: float = 0.0) -> None:
         self._watch = NoReturnWatch(resolution_m, reach_m, LIVE_BEAMS)
-        self._next_look = FIRST_LOOK
+        self._next_look = CLEAR_LOOK if asked == 'clear' else FIRST_LOOK
         self._told: tuple[object, ...] = ()
-        first = 'ignore' if asked == 'auto' else asked
-        self.choice = NoReturnChoice(first, asked, NoReturns(0, 0))
+        self.choice = NoReturnChoice.of(asked, NoReturns(0, 0))
 
     def see(self, placed: PlacedScan) -> str:
         """Take note of a scan that was mapped; return what to say now, empty: nothing new."""
         self._watch.see(placed)
-        if self._watch.seen < self._next_look:
+        asked = self.choice.asked
+        if self._watch.seen < self._next_look or asked == 'ignore':
             return ''
-        self._next_look = 2 * self._watch.seen
+        self._next_look = (CLEAR_LOOK_AGAIN if asked == 'clear' else 2) * self._watch.seen
         found, before = self._watch.judge(), self.choice
         self.choice = NoReturnChoice.of(before.asked, found)
         if self.choice.value != before.value == 'ignore' and not self._sure(found):
             self.choice = self.choice._replace(value='ignore')
             return ''  # it waits for more
         told = (self.choice.asked, self.choice.value, found.doubtful)
-        new = found.beams >= FEWEST_BEAMS and told != self._told
+        new = not found.few and told != self._told
         self._told = told if new else self._told
         return str(self.choice) if new else ''
 
@@ -232,13 +247,13 @@ class LiveNoReturn:
         why = '' if found.beams == 0 else f': {found}'
         if asked != 'auto':
             return f'{value}{why}'
-        waits = ' for now' if value != found.judged or found.beams < FEWEST_BEAMS else ''
+        waits = ' for now' if value != found.judged or found.few else ''
         return f'{value}{waits} (auto){why}'
 
     def _sure(self, found: NoReturns) -> bool:
         """Whether the robot has seen enough to let beams clear."""
         return (
-            found.beams >= FEWEST_BEAMS
+            not found.few
             and found.share <= FEW
             and self._watch.seen >= SCANS
             and self._watch.places() >= PLACES
@@ -248,9 +263,15 @@ class LiveNoReturn:
         """Take over other settings."""
         self._watch.reach_m = reach_m
         if asked != self.choice.asked:
-            first = 'ignore' if asked == 'auto' else asked
-            self.choice = NoReturnChoice(first, asked, self.choice.found)
+            self.choice = NoReturnChoice.of(asked, NoReturns(0, 0))
             self._next_look = self._watch.seen + 1
+
+    def see_anew(self, scans: Iterable[PlacedScan]) -> None:
+        """Forget the scans that were seen for these, at other poses; look again with the next."""
+        self._watch = NoReturnWatch(self._watch.resolution_m, self._watch.reach_m, LIVE_BEAMS)
+        for placed in scans:
+            self._watch.see(placed)
+        self._next_look = min(self._next_look, max(FIRST_LOOK, self._watch.seen + 1))
 
 
 def _ends(placed: PlacedScan, beams: AnyArray, lengths: Float64Array) -> Float64Array:

@@ -16,6 +16,7 @@ import numpy as np
 
 from ogm_mcmc.config import RecordingConfig, SamplerConfig
 from ogm_mcmc.engine.coverage import Coverage
+from ogm_mcmc.engine.no_returns import NoReturnChoice
 from ogm_mcmc.engine.recent import Recent
 from ogm_mcmc.errors import GridError
 from ogm_mcmc.geometry import CellBox, PlacedScan, Pose2D, wrap_angle
@@ -76,17 +77,31 @@ class Recording:
         self._full_at = 0  # so many scans there were when the window was full
         self._window: RayWindow | None = None
         if sampler is not None:
-            margin = sampler.patch.window_margin
             # With auto, beams without a return may come to count: so they do for the limits.
             asked = sampler.window.no_return
-            window = replace(sampler.window, no_return='clear' if asked == 'auto' else asked)
-            self._window = RayWindow(window, sampler.model, margin=margin)
+            self._window = _measuring(sampler, 'clear' if asked == 'auto' else asked)
+        self._sampler = sampler
+        self._no_return = '' if self._window is None else self._window.config.no_return
         self._scans: deque[_Kept] = deque()
         self._last: Recent[Pose2D] = Recent()  # where each sensor was when its last scan came in
 
     def __len__(self) -> int:
         """Return the number of scans."""
         return len(self._scans)
+
+    def understand(self, no_return: NoReturnChoice | None) -> None:
+        """Count rays as they are indexed, where a sampler found what no return means; None: not.
+
+        Beams that it ignores need no memory. Where it was not sure they may come to count.
+        """
+        if self._sampler is None or no_return is None:
+            return
+        sure = no_return.asked != 'auto' or no_return.found.doubtful
+        value = no_return.value if sure else 'clear'
+        if value == self._no_return:
+            return
+        self._no_return, self._window = value, _measuring(self._sampler, value)
+        self._keep([_Kept(old.placement, self._size_of(old.placement)) for old in self._scans], '')
 
     def configure(self, config: RecordingConfig) -> None:
         """Take over other limits; what they let go goes when the next scan comes."""
@@ -253,6 +268,7 @@ class Recording:
         copy.n_rays, copy.n_bytes, copy.size = self.n_rays, self.n_bytes, self.size
         copy.let_go, copy.coverage = self.let_go.copy(), self.coverage.copy()
         copy._full_at, copy._window = self._full_at, self._window
+        copy._sampler, copy._no_return = self._sampler, self._no_return
         copy._scans = self._scans.copy()
         for frame, pose in self._last.items():
             copy._last[frame] = pose
@@ -284,6 +300,12 @@ class Recording:
         self.coverage = Coverage()
         self.n_rays = self.n_bytes = self._full_at = 0
         self.size = NOTHING
+
+
+def _measuring(sampler: SamplerConfig, no_return: str) -> RayWindow:
+    """Return a window that tells how much memory scans need."""
+    window = replace(sampler.window, no_return=no_return)
+    return RayWindow(window, sampler.model, margin=sampler.patch.window_margin)
 
 
 def _box_around(scans: Iterable[_Kept]) -> CellBox:

@@ -9,7 +9,6 @@ GridMap <--- posterior mean <--- PosteriorSampler.advance(sweeps) ... until a li
 
 from __future__ import annotations
 
-import math
 import operator
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -28,6 +27,7 @@ from ogm_mcmc.config import (
 from ogm_mcmc.engine.live_map import cells_on, check_lattice, live_map
 from ogm_mcmc.engine.no_returns import NoReturnChoice, NoReturns, no_return_of
 from ogm_mcmc.engine.posterior import Grown, patch_prior, posterior_model
+from ogm_mcmc.engine.progress import Progress
 from ogm_mcmc.engine.recording import Recording, fingerprint
 from ogm_mcmc.engine.sensor_fit import SensorNumbers, fit_sensor
 from ogm_mcmc.engine.warp import cells_before, laid_on, warped
@@ -62,31 +62,6 @@ JUDGING_SHARE = 0.1
 MIN_COUNTED = 64
 
 
-class Progress(NamedTuple):
-    """How far sampling has come; `reason` says why it stopped, empty while it has not."""
-
-    sweeps: int
-    counted: int
-    seconds: float
-    sweeps_per_s: float
-    agreeing_share: float
-    r_hat_p99: float
-    ess_median: float
-    mcse_max: float
-    log_likelihood: float
-    reason: str = ''
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON, which knows no infinity: None for what is not known."""
-
-        def plain(value: Any) -> Any:
-            if not isinstance(value, float):
-                return value
-            return round(value, 6) if math.isfinite(value) else None
-
-        return {key: plain(value) for key, value in self._asdict().items()}
-
-
 class IndexSize(NamedTuple):
     """Rays, pairs of a ray and a cell it crosses, memory."""
 
@@ -105,8 +80,8 @@ class Refinement:
     def __init__(self, config: SamplerConfig) -> None:
         self.config = config
         self._taken: list[PlacedScan] = []
-        asked = config.window.no_return
-        self.no_return = NoReturnChoice.of(asked, NoReturns(0, 0))
+        self._index_spent = False  # whether what is indexed is no longer that of the chains
+        self.no_return = NoReturnChoice.of(config.window.no_return, NoReturns(0, 0))
         self.model = config.model  # of the beams, fitted where that is wanted
         self.sensor: SensorNumbers | None = None
         self.window = self._empty_window()
@@ -121,11 +96,12 @@ class Refinement:
         """Use these scans from now on; return the number of rays.
 
         Scans added since the last time extend the rays already indexed; any other change builds
-        them anew. Chains begin at `start`; without it they go on from where they are (a warm
-        start; where scans were placed anew the maps go with them), and the first ones begin as the
-        configuration says. Raises WindowError when there
-        is nothing to sample or too much, and GridError when `start` is of another lattice;
-        nothing has changed then.
+        them anew, also when all scans together say that +inf means another thing. Chains begin at
+        `start`; without it they go on from where they are (a warm start; where scans were placed
+        anew the maps go with them), and the first ones begin as the configuration says. Raises
+        WindowError when there is nothing to sample or too much, and GridError when `start` is of
+        another lattice. After an error everything is as before; where the index had changed
+        already nothing is taken any more, and the next take begins anew.
         """
         if not scans:
             raise WindowError('no scan was recorded: expected at least one')
@@ -136,34 +112,42 @@ class Refinement:
             old is new for old, new in zip(self._taken, scans[:known], strict=True)
         )
         old, held = self.window.spec, (self.no_return, self.model, self.sensor)
+        asked = self.config.window
+        found = no_return_of(asked.no_return, scans, asked.resolution, asked.max_range)
+        grows = extends and found.value == self.no_return.value
+        self._index_spent = False
         try:
-            window = self._indexed(scans, known if extends else 0)
-        except Exception:
+            self.no_return = found
+            window = self._indexed(scans, known if grows else 0)
+            warm = self._present_maps(old, window.spec, scans, extends) if start is None else []
+            grown = None
+            if grows and self.sampler is not None:
+                grown = Grown(self.sampler.model, old)
+            sampler = self._begun(window, scans, start, warm, grown)
+        except BaseException:
             self.no_return, self.model, self.sensor = held
+            if self._index_spent:
+                self._take_nothing()
             raise
-        warm = [] if start is not None else self._present_maps(old, window.spec, scans, extends)
-        grown = None
-        if extends and self.sampler is not None:
-            grown = Grown(self.sampler.model, old)
         self.window, self._taken = window, list(scans)
-        self._begin(start, warm, grown)
+        self.sampler, self.quality, self._summary = sampler, None, None
         return self.size.n_rays
 
+    def _take_nothing(self) -> None:
+        """Hold no scan and no chain, as in the beginning."""
+        self.window, self._taken = self._empty_window(), []
+        self.sampler, self.quality, self._summary = None, None, None
+
     def _indexed(self, scans: Sequence[PlacedScan], known: int) -> RayWindow:
-        """Return the rays of scans, the first `known` of which are indexed; judge new ones."""
+        """Return the rays of scans, the first `known` of which are indexed."""
         if known == 0:
-            self._judge(scans)
+            self.model, self.sensor = fit_sensor(scans, self._decided())
         window = self.window if known else self._empty_window()
         window.add(scans[known:])
+        self._index_spent = known > 0
         if window.index.n_rays == 0:
             raise WindowError(f'no beam of {len(scans)} scans says anything: nothing to sample')
         return window
-
-    def _judge(self, scans: Sequence[PlacedScan]) -> None:
-        """Find out what the scans say of their sensor."""
-        asked = self.config.window
-        self.no_return = no_return_of(asked.no_return, scans, asked.resolution, asked.max_range)
-        self.model, self.sensor = fit_sensor(scans, self._decided())
 
     @property
     def size(self) -> IndexSize:
@@ -171,28 +155,41 @@ class Refinement:
         index = self.window.index
         return IndexSize(index.n_rays, index.n_pairs, index.n_bytes)
 
-    def _posterior(self, grown: Grown | None) -> PosteriorModel:
-        return posterior_model(self.config, self.window, self._table, grown_from=grown)
+    def _posterior(self, window: RayWindow, grown: Grown | None) -> PosteriorModel:
+        return posterior_model(self.config, window, self._table, grown_from=grown)
 
     def _decided(self) -> SamplerConfig:
         """Return the settings with what no return was found to mean."""
         window = replace(self.config.window, no_return=self.no_return.value)
         return replace(self.config, window=window)
 
+    def found_settings(self) -> SamplerConfig:
+        """Return the settings with all that scans told: nobody given these looks for it again."""
+        chain = replace(self.config.chain, sensor='given')
+        return replace(self._decided(), model=self.model, chain=chain)
+
     def _empty_window(self) -> RayWindow:
         config = self._decided()
         return RayWindow(config.window, self.model, margin=config.patch.window_margin)
 
-    def _begin(self, start: GridMap | None, warm: list[UInt8Array], grown: Grown | None) -> None:
-        chain, spec = self.config.chain, self.window.spec
-        model = self._posterior(grown)
+    def _begun(
+        self,
+        window: RayWindow,
+        scans: Sequence[PlacedScan],
+        start: GridMap | None,
+        warm: list[UInt8Array],
+        grown: Grown | None,
+    ) -> PosteriorSampler:
+        """Return chains on a window of scans, where they begin."""
+        chain, spec = self.config.chain, window.spec
+        model = self._posterior(window, grown)
         threshold = chain.start_threshold
         if start is not None:
             starts = [cells_on(spec, start, threshold, chain.prior)] * chain.chains
         elif warm:
             starts = warm
         else:
-            live = live_map(self._taken, self._decided().window)
+            live = live_map(scans, self._decided().window)
             starts = over_dispersed_starts(
                 chain.start,
                 chain.chains,
@@ -208,7 +205,7 @@ class Refinement:
             # From the seed, chains would repeat the numbers that brought them where they are. The
             # generators are in a saved state, too: chains taken up again draw the same from here.
             sampler.rngs = self.sampler.rngs
-        self.sampler, self.quality, self._summary = sampler, None, None
+        return sampler
 
     def _present_maps(
         self, old: GridSpec, new: GridSpec, scans: Sequence[PlacedScan], extends: bool

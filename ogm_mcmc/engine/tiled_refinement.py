@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import partial
 from typing import NamedTuple, Protocol
 
 from ogm_mcmc.config import SamplerConfig
 from ogm_mcmc.engine.posterior import Grown, patch_prior
 from ogm_mcmc.engine.refinement import IndexSize, Refinement
+from ogm_mcmc.engine.sensor_fit import fit_sensor
 from ogm_mcmc.errors import ConfigError, WindowError
 from ogm_mcmc.geometry import PlacedScan
 from ogm_mcmc.sampling import PosteriorModel, RayWindow
@@ -69,17 +69,17 @@ class TiledRefinement(Refinement):
     def _indexed(self, scans: Sequence[PlacedScan], known: int) -> RayWindow:
         """Let the rays of scans be held; what is returned has none, and says where cells lie."""
         if known == 0:
-            self._judge(scans)
-        decided, window = self._decided(), self._empty_window()
+            self.model, self.sensor = fit_sensor(scans, self._decided())
+        window = self._empty_window()
         size = window.sum_of_sizes(scans)
         if size.rays == 0:
             raise WindowError(f'no beam of {len(scans)} scans says anything: nothing to sample')
         window.spec = window.spec.windowed(size.box)
         side = 0 if self._table is None else self._table.side
         tiling = tiling_of(window.spec, *self._shape, side)
-        patch, chain = decided.patch, decided.chain
-        # What was found out here is not looked for again.
-        given = replace(decided, model=self.model, chain=replace(chain, sensor='given'))
+        given = self.found_settings()
+        patch, chain = given.patch, given.chain
+        self._index_spent = True  # the tiles of before are held no longer
         held = self._holders.hold(given, scans, tiling)
         prior = TilePrior(chain.prior_log_odds, chain.order, side, patch.margin, patch.escape)
         arrive = partial(arrivals, list(scans), given.window, self.model, tiling.spec)
@@ -103,5 +103,9 @@ class TiledRefinement(Refinement):
             raise WindowError('no scan was taken: nothing to sample')
         return self._model
 
-    def _posterior(self, grown: Grown | None) -> PosteriorModel:
+    def _take_nothing(self) -> None:
+        super()._take_nothing()
+        self._model, self._size = None, IndexSize(0, 0, 0)
+
+    def _posterior(self, window: RayWindow, grown: Grown | None) -> PosteriorModel:
         return self.tiled

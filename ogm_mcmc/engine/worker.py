@@ -137,6 +137,7 @@ class RefineWorker:
         self._kept = KeptSamples(samples)
         self._poses = _Poses(PosesConfig() if poses is None else poses)
         self._handed_over = 0
+        self._said_no_return: tuple[str, str] | None = None  # what was asked, what it came to
         self._earlier_sweeps = 0  # of these chains with scans of before
         self._changed = threading.Condition()  # of a re-entrant lock
         # Guarded by the condition:
@@ -314,10 +315,14 @@ class RefineWorker:
         if refinement.holds(scans):
             return  # the chains go on and what they counted stays
         fresh = refinement.sampler is None
-        before, said = refinement.sampler, str(refinement.no_return)
+        before = refinement.sampler
         refinement.take(scans)
-        if str(refinement.no_return) not in ('', said):
-            self.log(str(refinement.no_return))
+        # The share of beams in the text is another one with every scan.
+        choice = refinement.no_return
+        decided = choice.asked, choice.value
+        if str(choice) and decided != self._said_no_return:
+            self.log(str(choice))
+            self._said_no_return = decided
         if refinement.sampler is not before:
             self._kept.clear()  # it holds the old index
             self._earlier_sweeps += 0 if before is None else before.sweeps

@@ -211,10 +211,8 @@ def distribute(refinement: Refinement, scans: Sequence[PlacedScan], executor: Ex
     here = refinement.sampler
     if here is None:
         raise WindowError('no scan was taken: nothing to sample')
-    config = refinement.config
-    # The sensor's numbers are those found here: a worker does not look for others.
-    config = replace(config, model=refinement.model, chain=replace(config.chain, sensor='given'))
-    parcel = pack_problem(config, scans)
+    # What was found out here is not looked for again by a worker.
+    parcel = pack_problem(refinement.found_settings(), scans)
     problem = Problem(digest(parcel), refinement.size.n_rays, here.model.n_cells)
     refinement.sampler = _DistantSampler(here, problem, parcel, executor)
 

@@ -22,7 +22,7 @@ from ogm_mcmc.config.nodes import (
 )
 from ogm_mcmc.engine.corrections import Nodes
 from ogm_mcmc.engine.kept_scans import KeptScans
-from ogm_mcmc.engine.no_returns import LiveNoReturn
+from ogm_mcmc.engine.no_returns import LiveNoReturn, NoReturnChoice
 from ogm_mcmc.engine.saved_map import MapToSave, replacing_map, saved_text
 from ogm_mcmc.errors import OgmError
 from ogm_mcmc.files.user_paths import user_path
@@ -52,8 +52,7 @@ class OnlineMapper(ManagedNode):
     def set_up(self) -> None:
         """Make the map, empty, and everything around it."""
         self.settings = self.parameters.read(OnlineMapperConfig)
-        asked = self.parameters.read(NodeMapperConfig)
-        self.no_return = LiveNoReturn(asked.no_return, asked.resolution, asked.max_range)
+        self.no_return = self._fresh_no_return()
         self.pipeline = MappingPipeline(self._mapping())
         self.output = self.parameters.read(OutputConfig)
         self.mapping_s = 0.0
@@ -81,12 +80,16 @@ class OnlineMapper(ManagedNode):
         self.create_service(GetMap, '~/get_map', self.on_get_map)
         self.every(DIAGNOSTICS_S, self.publish_diagnostics)
 
+    def _fresh_no_return(self) -> LiveNoReturn:
+        asked = self.parameters.read(NodeMapperConfig)
+        return LiveNoReturn(asked.no_return, asked.resolution, asked.max_range)
+
     def _mapping(self) -> NodeMapperConfig:
         """Return the settings of the map, with what no return is found to mean now."""
         asked = self.parameters.read(NodeMapperConfig)
         found = self.no_return.choice.value
-        if asked.method == 'sonar' and asked.no_return == 'auto':
-            found = 'clear'  # cones are not told apart by what they cross
+        if asked.method == 'sonar':
+            found = NoReturnChoice.of_cones(asked.no_return).value
         return replace(asked, no_return=found)
 
     def warm_up(self) -> None:
@@ -160,6 +163,8 @@ class OnlineMapper(ManagedNode):
         if remade.pipeline is not None:
             self.pipeline.take_over(remade.pipeline)
             self.maps.restart()
+            assert self.kept is not None
+            self.no_return.see_anew(self.kept.recording.snapshot())
             self.get_logger().info(
                 f'map made anew from {remade.scans} scans at corrected poses in '
                 f'{remade.seconds:.2f} s'
@@ -221,9 +226,13 @@ class OnlineMapper(ManagedNode):
         """Forget the map, the waiting scans and the poses; publish the empty map."""
         used = self.pipeline.scans_used
         self.pipeline.reset()
+        self.no_return = self._fresh_no_return()
+        self.pipeline.configure(self._mapping())
         self.intake.clear()
         if self.kept is not None:
             self.kept.clear()
+        if self.trajectory is not None:
+            self.trajectory.last = None
         self.mapping_s = 0.0
         self.maps.restart()
         response.success, response.message = True, f'forgot a map of {used} scans'

@@ -223,6 +223,7 @@ class RefineServer(ManagedNode):
     def publish_diagnostics(self) -> None:
         """Say how it goes: what was recorded, how far sampling is, why it stopped."""
         status, recording, result = self.worker.status, self.recording, self.worker.result
+        recording.understand(status.no_return)
         values = {
             **self.intake.values(),
             **recording.values(),
@@ -262,6 +263,7 @@ class RefineServer(ManagedNode):
 
     def on_refine(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Sample what is recorded now; the answer does not wait for anything."""
+        self.recording.understand(self.worker.status.no_return)
         recording, size = self.recording, self.recording.size
         limit = self.sampler.window.max_memory_mb
         if not self.active:

@@ -176,7 +176,7 @@ def judged(maps, bag, monkeypatch, capsys):
     def call(*options):
         capsys.readouterr()
         arguments = ('evaluate', 'map.npz', '--beams', 'bag', '--unknown', '0.3', '--json')
-        assert run([*arguments, *options]) == 0
+        assert run([*arguments, '--no-return', 'clear', *options]) == 0
         return json.loads(capsys.readouterr().out)
 
     return call
@@ -219,6 +219,31 @@ def test_choosing_beams(judged):
     behind = by_hand(math.inf, {0.025: 0.1, 0.1: 0.27, math.inf: 0.63}, 0.1)
     expected = (2 * nothing + behind) / 3
     assert of['no_return']['nats_per_beam'] == pytest.approx(expected, rel=1e-4)
+
+
+@pytest.mark.parametrize('several', [False, True])
+def test_what_no_return_means_is_seen_in_the_bag(maps, monkeypatch, capsys, several):
+    """By default, as `map` and `sample` do: half of the beams on a wall are lost."""
+    ranges = np.where(np.arange(60) % 2, 0.2, np.inf)
+    scans = [
+        PlacedScan.at(
+            fan(*(ranges if k % 2 else ranges[::-1]), increment=1e-6, range_max_m=0.3, stamp_ns=k),
+            Pose2D(0.55, -0.15),
+        )
+        for k in range(1, 9)
+    ]
+    write_recording(maps / 'lossy', scans)
+    monkeypatch.chdir(maps)
+    named = ['a=map.npz', 'b=map.npz'] if several else ['map.npz']
+    assert run(['evaluate', *named, '--beams', 'lossy']) == 0
+    said = capsys.readouterr().out
+    assert 'no_return auto: ignore, 100% of the beams without a return cross' in said
+    (written,) = (maps / 'out' / 'evaluate').glob('*.json')
+    result = json.loads(written.read_text())
+    assert result['settings']['window.no_return'] == 'ignore'
+    beams = result['maps']['a']['beams'] if several else result['beams']
+    assert beams['no_return']['beams'] == 0
+    assert result['beams']['meaning_of_no_return']['value'] == 'ignore'
 
 
 def test_another_model(judged, maps):
@@ -282,7 +307,7 @@ def test_what_a_scan_from_a_pose_would_tell(run_cli, maps):
 
 def test_all_judges_at_once(run_cli, maps, bag):
     judges = ('--truth', 'truth.yaml', '--beams', 'bag', '--pose=0.55,-0.15,0')
-    done = run_cli('evaluate', 'map.npz', *judges, '-o', 'out')
+    done = run_cli('evaluate', 'map.npz', *judges, '-o', 'out', '--no-return', 'clear')
     assert done.returncode == 0, done.stderr
     assert re.search(r'held-out beams +4 of 2 scans', done.stdout)
     assert re.search(r'log-likelihood, nats a beam +-?\d+\.\d+ \+- \d', done.stdout)
@@ -329,7 +354,7 @@ def test_probabilities_come_back_from_a_file(maps):
         (['map.npz', '--beams', 'bag', '--params-file', 'no.yaml'], 'no.yaml: expected a'),
         (['map.npz', '--beams', 'bag', '--scan-topic', '/pose'], 'topic /pose has type'),
         (
-            ['far.npz', '--beams', 'bag', '--leaving', 'exclude'],
+            ['far.npz', '--beams', 'bag', '--leaving', 'exclude', '--no-return', 'clear'],
             'no beam of 3 placed scans says anything (4 left out',
         ),
         (['map.npz', '--beams', 'bag', '--samples', 'other.npz'], 'NPZ with map samples'),

@@ -15,6 +15,8 @@ from ogm_mcmc.geometry import PlacedScan, Pose2D, Scan
 
 REACH = 6.0
 
+NONE = NoReturns(0, 0)
+
 
 def scan_at(x, lost):
     """A wall at x = 4 over the middle beams, nothing beyond the others; some hits are lost."""
@@ -82,14 +84,15 @@ def drive(count, *, loses, step_m=0.25):
 
 
 def test_what_is_seen_decides_where_nobody_did():
-    few, most, none = NoReturns(100, 40), NoReturns(100, 87), NoReturns(0, 0)
+    some, most, few, none = (NoReturns(*n) for n in ((100, 40), (100, 87), (10, 0), (0, 0)))
     assert most.doubtful
     assert not NoReturns(10, 10).doubtful
     assert none.share == 0.0
-    assert [NoReturnChoice.of('auto', found).value for found in (few, most, none)] == [
+    values = [NoReturnChoice.of('auto', found).value for found in (some, most, few, none)]
+    assert values == ['clear', 'ignore', 'ignore', 'ignore']
+    assert [NoReturnChoice.of_cones(asked).value for asked in ('auto', 'ignore')] == [
         'clear',
         'ignore',
-        'clear',
     ]
     for asked in ('clear', 'ignore'):
         assert NoReturnChoice.of(asked, most).value == asked
@@ -103,8 +106,12 @@ def test_what_is_said():
     )
     assert str(NoReturnChoice.of('auto', few)).startswith('no_return auto: clear, 40% of the')
     assert str(NoReturnChoice('clear', 'auto', most)) == (
-        'no_return auto took clear by what the first scans told, but of all '
-        f'{crossing}: no_return: ignore is better'
+        'no_return auto: clear was chosen from the first scans, but over all scans '
+        f'{crossing}: set no_return: ignore'
+    )
+    assert str(NoReturnChoice.of('auto', NoReturns(7, 0))) == (
+        'no_return auto: ignore, too few beams without a return to tell (7) '
+        '(or say no_return: clear)'
     )
     assert str(NoReturnChoice.of('clear', most)) == (
         f'{crossing}: they clear walls; no_return: ignore keeps those'
@@ -162,6 +169,26 @@ def test_a_live_map_that_shall_clear_says_what_it_does():
     assert seen(live, drive(300, loses=True)) == []
 
 
+@pytest.mark.parametrize(('asked', 'looks'), [('ignore', []), ('clear', [100, 1000])])
+def test_scans_do_not_wait_for_what_is_only_told(monkeypatch, asked, looks):
+    """Judging takes 50 ms: seldom where it decides nothing."""
+    live, at = LiveNoReturn(asked, 0.1), []
+    monkeypatch.setattr(NoReturnWatch, 'judge', lambda self: at.append(self.seen) or NONE)
+    for _ in range(1001):
+        live.see(scan_at(0.0, []))
+    assert at == looks
+
+
+def test_scans_at_other_poses_are_all_that_counts():
+    """Of a drifting map walls are crossed; where all is in place, they are not."""
+    live = LiveNoReturn('auto', 0.1)
+    seen(live, drive(120, loses=True))
+    assert live.choice.found.doubtful
+    live.see_anew(drive(119, loses=False))
+    (line,) = seen(live, drive(120, loses=False)[-1:])  # it looks at once
+    assert line.startswith('no_return auto: clear, ')
+
+
 @pytest.mark.parametrize('reach', [math.inf, 3e38])
 def test_a_sensor_of_endless_range_takes_no_memory(reach):
     ranges = np.full(50, np.inf)
@@ -169,8 +196,8 @@ def test_a_sensor_of_endless_range_takes_no_memory(reach):
     scan = Scan.checked(
         ranges, angle_min_rad=0.0, angle_increment_rad=0.1, range_min_m=0.0, range_max_m=reach
     )
-    found = no_return_of('auto', [PlacedScan.at(scan, Pose2D())] * 3, 0.001)
-    assert found.value == 'clear'
+    found = no_return_of('auto', [PlacedScan.at(scan, Pose2D())] * 3, 0.001).found
+    assert found.crossing == 0
 
 
 def test_no_more_is_kept_of_a_long_recording():

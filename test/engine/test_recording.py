@@ -1,5 +1,8 @@
 """What is kept for sampling, by scans, seconds, beams and memory; what is refused."""
 
+import math
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from support.strategies import fan
@@ -11,6 +14,8 @@ from ogm_mcmc.config import (
     SamplerConfig,
     WindowConfig,
 )
+from ogm_mcmc.config.nodes import NodeWindowConfig
+from ogm_mcmc.engine.no_returns import NoReturnChoice, NoReturns
 from ogm_mcmc.engine.recording import Recording
 from ogm_mcmc.errors import GridError
 from ogm_mcmc.geometry import PlacedScan, Pose2D, PoseBelief
@@ -83,6 +88,32 @@ def test_memory_is_a_limit_like_the_others():
     assert 10 < len(recording) < 60
     assert kept(recording) == list(range(60))[-len(recording) :]
     assert recording.let_go == {'older': 60 - len(recording)}
+
+
+def test_beams_that_are_ignored_take_no_memory():
+    sampler = SamplerConfig(window=NodeWindowConfig(resolution=0.1))
+    recording = Recording(RecordingConfig(), sampler)
+    recording.add(at(0.0, 1.0, math.inf, math.inf))
+    asked = [recording.size.rays]
+    for choice in (
+        NoReturnChoice.of('auto', NoReturns(0, 0)),  # not sure: they may come to count
+        NoReturnChoice.of('auto', NoReturns(100, 90)),
+        None,
+        NoReturnChoice.of('auto', NoReturns(100, 10)),
+        NoReturnChoice.of('ignore', NoReturns(0, 0)),
+    ):
+        recording.understand(choice)
+        asked.append(recording.size.rays)
+    assert asked == [3, 3, 1, 1, 3, 1]
+    recording.add(at(0.5, 1.0, math.inf, math.inf))
+    assert recording.copy().size.rays == recording.size.rays == 2
+    assert recording.let_go.total() == 0
+    fresh = Recording(
+        RecordingConfig(), replace(sampler, window=NodeWindowConfig(0.1, no_return='ignore'))
+    )
+    for placed in recording.snapshot():
+        fresh.add(placed)
+    assert recording.size == fresh.size
 
 
 def test_a_stray_pose_drives_nobody_out():

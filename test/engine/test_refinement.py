@@ -38,6 +38,7 @@ def scan_at(x, y, *ranges, yaw=0.0, stamp_ns=0):
 FIRST = scan_at(0.13, 0.22, 1.1, 1.6, 2.3, math.inf)
 SECOND = scan_at(0.63, -0.42, 1.0, math.inf, 1.3, yaw=1.2)
 THIRD = scan_at(-2.3, 1.4, 2.1, 2.2, 1.9, yaw=-2.0)
+FAR = scan_at(40000.0, 40000.0, 1.0, 2.0)
 NOTHING = scan_at(50.0, 50.0, math.nan, -1.0, 0.0)
 
 
@@ -236,9 +237,78 @@ def test_what_no_return_means_is_seen_in_the_scans():
     with pytest.raises(WindowError):
         refinement.take([NOTHING])
     assert refinement.no_return.value == 'ignore'  # as before: nothing was taken
+    with pytest.raises(WindowError):
+        refinement.take([*lost, FAR])
+    assert refinement.window.index.n_rays == 80
     refinement.take([FIRST, SECOND])
-    assert refinement.no_return.value == 'clear'
-    assert refinement.window.index.n_rays == 8 - 1
+    assert refinement.no_return.value == 'ignore'  # two beams do not tell
+    assert refinement.window.index.n_rays == 8 - 3
+
+
+def before_a_wall(k, losing):
+    """Beams without a return past a wall; or beams at it, every other of which is lost."""
+    if not losing:
+        return scan_at(0.1 * k, 0.0, *(2.0, 2.0, 2.0, *[math.inf] * 9), yaw=0.5)
+    return scan_at(0.1 * k, 0.0, *((2.0, math.inf) * 10 if k % 2 else (math.inf, 2.0) * 10))
+
+
+def test_a_window_that_grows_means_what_one_taken_at_once_means(tmp_path):
+    """Too few beams, then clear, then ignore; a state that was saved fits after a restart."""
+    first = [before_a_wall(k, losing=False) for k in range(4)]
+    scans = [*first, *(before_a_wall(k, losing=True) for k in range(12))]
+    chosen = replace(settings(), window=NodeWindowConfig(0.5))
+    grown, found = Refinement(chosen), []
+    for count in (1, 4, 8, 16):
+        if grown.sampler is not None:
+            run(grown, max_sweeps=20)
+            before = maps(grown)
+        grown.take(scans[:count])
+        found.append(grown.no_return.value)
+        whole = Refinement(chosen)
+        whole.take(scans[:count])
+        assert grown.no_return == whole.no_return
+        assert grown.settings() == whole.settings()
+        assert grown.window.spec == whole.window.spec
+        for name in ('rays', 'lists', 'near', 'front', 'runs'):
+            ours, theirs = (getattr(one.window.index, name) for one in (grown, whole))
+            assert np.array_equal(ours, theirs), (name, count)
+        if count > 1:  # warm
+            spec = grown.window.spec
+            cells = {
+                (k % spec.width + spec.column0, k // spec.width + spec.row0)
+                for k in grown.sampler.model.touched.tolist()
+            }
+            assert maps(grown) == [one & cells for one in before]
+    assert (found[0], found[1], found[-1]) == ('ignore', 'clear', 'ignore')
+    run(grown, max_sweeps=20)
+    grown.save(tmp_path / 'state')
+    whole.resume(tmp_path / 'state')
+    assert maps(whole) == maps(grown)
+
+
+@pytest.mark.parametrize('extends', [True, False])
+@pytest.mark.parametrize('where', ['posterior_model', 'PosteriorSampler'])
+def test_what_fails_after_indexing_leaves_something_to_go_on_with(monkeypatch, extends, where):
+    refinement = taken(FIRST)
+    run(refinement, max_sweeps=20)
+    before = refinement.window, refinement.sampler, maps(refinement)
+
+    def fails(*_, **__):
+        raise MemoryError
+
+    with monkeypatch.context() as patched:
+        patched.setattr(f'ogm_mcmc.engine.refinement.{where}', fails)
+        with pytest.raises(MemoryError):
+            refinement.take([FIRST, SECOND] if extends else [SECOND])
+    if extends:  # the index is no longer that of the chains
+        assert refinement.sampler is None
+        assert not refinement.holds([FIRST])
+    else:
+        assert (refinement.window, refinement.sampler, maps(refinement)) == before
+        assert refinement.holds([FIRST])
+        run(refinement, max_sweeps=20)
+    assert refinement.take([FIRST, SECOND, THIRD]) == taken(FIRST, SECOND, THIRD).size.n_rays
+    run(refinement, max_sweeps=20)
 
 
 def test_a_start_map_is_thresholded_where_it_lies():

@@ -14,7 +14,7 @@ from ogm_mcmc.config import (
 )
 from ogm_mcmc.engine.refinement import Refinement
 from ogm_mcmc.engine.tiled_refinement import TiledRefinement
-from ogm_mcmc.errors import ConfigError, WindowError
+from ogm_mcmc.errors import ClusterError, ConfigError, WindowError
 from ogm_mcmc.simulation import WORLDS, Lidar, record
 
 STOP = StopConfig(max_sweeps=60, max_time=1e6, r_hat=0.0)
@@ -82,6 +82,29 @@ def test_the_sensor_is_fitted_once_where_all_scans_are(scans):
     mean = tiles.map().probability
     assert np.nanmin(mean) >= 0.0
     assert np.nanmax(mean) > 0.0
+
+
+def test_tiles_that_could_not_be_held_are_held_anew(scans, monkeypatch):
+    holders = LocalHolders()
+    tiles = TiledRefinement(config(), 2, 1, holders)
+    n_rays = tiles.take(scans[:2])
+    before, hold = tiles.sampler, holders.hold
+
+    def fails(*_):
+        raise ClusterError('no worker is left')
+
+    tiles._shape = 100, 2  # refused before anything is held
+    with pytest.raises(WindowError):
+        tiles.take(scans[:3])
+    assert tiles.sampler is before
+    tiles._shape = 2, 1
+    monkeypatch.setattr(holders, 'hold', fails)
+    with pytest.raises(ClusterError):
+        tiles.take(scans[:3])
+    assert tiles.sampler is None
+    assert tiles.size.n_rays == 0
+    monkeypatch.setattr(holders, 'hold', hold)
+    assert tiles.take(scans[:2]) == n_rays
 
 
 def test_what_cannot_be_in_tiles(scans):

@@ -2,6 +2,7 @@
 
 import threading
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,9 +16,11 @@ from ogm_mcmc.config import (
     TrajectoryConfig,
     WindowConfig,
 )
+from ogm_mcmc.config.nodes import NodeWindowConfig
 from ogm_mcmc.engine.joint_poses import warm_up_poses
 from ogm_mcmc.engine.refinement import Refinement, warm_up
 from ogm_mcmc.engine.worker import RefineWorker
+from ogm_mcmc.errors import WindowError
 from ogm_mcmc.evaluation import confusion_counts
 from ogm_mcmc.evaluation.trajectories import absolute_errors
 from ogm_mcmc.geometry import PlacedScan, Pose2D, PoseBelief, Scan
@@ -234,6 +237,44 @@ def test_state_is_written_when_asked_and_at_the_end(make, tmp_path):
     until(lambda: idle(third, 'sweeps'))
     assert third.status.progress.sweeps == 30
     assert said[-1].startswith(f'starts new chains: {state}: ')
+
+
+def test_what_no_return_means_is_said_once(make):
+    """The share of the beams is another one with every scan: nothing new."""
+    said, limits = [], StopConfig(max_sweeps=10, r_hat=0.0)
+    worker = make(config=replace(CONFIG, window=NodeWindowConfig(resolution=0.1)), log=said.append)
+    some = scans(8)
+    for k, placed in enumerate(some):
+        ranges = placed.scan.ranges_m.copy()
+        ranges[k % 2 :: 2 + k % 3] = np.inf
+        some[k] = PlacedScan(replace(placed.scan, ranges_m=ranges), placed.belief)
+    shares = set()
+    for count in (4, 6, 8):
+        worker.refine(some[:count], limits)
+        until(lambda n=count: worker.status.scans == n and idle(worker, 'sweeps'))
+        shares.add(worker.status.no_return.found.share)
+    assert len(shares) == 3
+    assert [line.split(',')[0] for line in said] == ['no_return auto: ignore']
+
+
+def test_an_index_that_cannot_be_used_ends_no_worker(make, monkeypatch):
+    """The posterior of a grown window failed: chains begin anew with the next order."""
+    said, limits = [], StopConfig(max_sweeps=10, r_hat=0.0)
+    worker, some = make(log=said.append), scans(6)
+    worker.refine(some[:4], limits)
+    until(lambda: idle(worker, 'sweeps'))
+
+    def fails(*_, **__):
+        raise WindowError('no patch fits')
+
+    with monkeypatch.context() as patched:
+        patched.setattr('ogm_mcmc.engine.refinement.posterior_model', fails)
+        worker.refine(some, limits)
+        until(lambda: idle(worker, 'error'))
+    assert said == ['not refined: no patch fits']
+    worker.refine(some, limits)
+    until(lambda: idle(worker, 'sweeps'))
+    assert worker.status.progress.sweeps == 10
 
 
 def test_a_state_that_cannot_be_written_is_said(make, tmp_path):

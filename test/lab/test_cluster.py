@@ -19,6 +19,7 @@ from ogm_mcmc.config import (
     StopConfig,
     WindowConfig,
 )
+from ogm_mcmc.config.nodes import NodeWindowConfig, RefineSamplerConfig
 from ogm_mcmc.engine.prior_files import default_prior_file
 from ogm_mcmc.engine.refinement import Refinement
 from ogm_mcmc.engine.tiled_refinement import TiledRefinement
@@ -26,6 +27,7 @@ from ogm_mcmc.errors import ClusterError, ConfigError, WindowError
 from ogm_mcmc.lab import cluster, experiments
 from ogm_mcmc.lab.cluster import connected, distribute
 from ogm_mcmc.lab.experiments import run_all
+from ogm_mcmc.lab.parcels import unpack
 from ogm_mcmc.lab.tile_cluster import ClusterTiles
 from ogm_mcmc.simulation import WORLDS, Lidar, record
 
@@ -60,6 +62,17 @@ def local(scans):
     refinement.take(scans)
     *_, last = refinement.run(STOP)
     return refinement, last
+
+
+def test_workers_do_not_judge_again(scans):
+    """What no return means and the sensor's numbers are found once, at home."""
+    refinement = Refinement(RefineSamplerConfig(window=NodeWindowConfig(0.2, 4.0)))
+    refinement.take(scans)
+    with ThreadPoolExecutor(1) as pool:
+        distribute(refinement, scans, pool)
+    _, (shipped, _) = unpack(refinement.sampler._parcel)
+    assert shipped.window.no_return == refinement.no_return.value != 'auto'
+    assert (shipped.model, shipped.chain.sensor) == (refinement.model, 'given')
 
 
 @pytest.fixture(scope='module')

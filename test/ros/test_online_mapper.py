@@ -115,6 +115,19 @@ def test_beams_without_a_return_wait_until_it_is_seen_what_they_cross(mapper):
     node.publish_diagnostics()
 
 
+def test_a_reset_forgets_what_beams_without_a_return_meant(mapper):
+    """What was seen elsewhere has no vote in the next building."""
+    node = mapper(keep_scans=True)
+    node.no_return.choice = node.no_return.choice._replace(value='clear')
+    walk(node, 3)
+    assert node.pipeline.config.no_return == 'clear'
+    node.trajectory.last = object()
+    assert trigger(node.on_reset).success
+    assert node.no_return.choice.value == node.pipeline.config.no_return == 'ignore'
+    assert node.no_return._watch.seen == 0
+    assert node.trajectory.last is None
+
+
 def test_cones_without_an_echo_clear_from_the_start(mapper):
     assert mapper(method='sonar').pipeline.config.no_return == 'clear'
 

@@ -73,6 +73,8 @@ def test_the_live_map_is_made_anew_and_swapped_in():
         )
         lanes = [round(placed.pose.y_m, 2) for placed in node.kept.recording.snapshot()]
         assert lanes == [0.0] * (SCANS - 2) + [0.55, 0.6]
+        watched = [round(placed.pose.y_m, 2) for placed in node.no_return._watch._kept]
+        assert watched == lanes  # beams without a return are judged by the same poses
         node.publish_diagnostics()
         values = node._kept_values()
         assert values['scans placed anew by it'] == SCANS - 2

@@ -1,0 +1,33 @@
+"""How far sampling has come."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+__all__ = ['Progress']
+
+
+class Progress(NamedTuple):
+    """How far sampling has come; `reason` says why it stopped, empty while it has not."""
+
+    sweeps: int
+    counted: int
+    seconds: float
+    sweeps_per_s: float
+    agreeing_share: float
+    r_hat_p99: float
+    ess_median: float
+    mcse_max: float
+    log_likelihood: float
+    reason: str = ''
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON, which knows no infinity: None for what is not known."""
+
+        def plain(value: Any) -> Any:
+            if not isinstance(value, float):
+                return value
+            return round(value, 6) if math.isfinite(value) else None
+
+        return {key: plain(value) for key, value in self._asdict().items()}
