@@ -14,8 +14,8 @@ from PIL import Image
 from ogm_mcmc.cli.main import run
 from ogm_mcmc.cli.sample import SHORT, _chosen, add_to
 from ogm_mcmc.cli.sampling_bar import status
-from ogm_mcmc.config import PatchConfig, StopConfig, flatten, settings_of
-from ogm_mcmc.config.nodes import REFINE_CONFIGS
+from ogm_mcmc.config import StopConfig, flatten, settings_of
+from ogm_mcmc.config.nodes import LEARNED, REFINE_CONFIGS
 from ogm_mcmc.engine.refinement import Progress, Refinement
 from ogm_mcmc.engine.signals import leave_on_signals
 from ogm_mcmc.errors import OutputError
@@ -284,7 +284,7 @@ def test_defaults_are_those_of_the_node():
     for config in chosen:
         for name, value in flatten(config).items():
             assert name not in node or node[name] == value, name
-    assert chosen.sampler.patch == PatchConfig(prior='border', size=9)
+    assert chosen.sampler.patch == LEARNED
     assert chosen.shown.unknown_margin == node['unknown_margin']
 
 
