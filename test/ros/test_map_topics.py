@@ -69,7 +69,7 @@ def drive(observer, bag, key, *extra):
 
 def test_planners_and_amcl_see_every_wall_of_the_live_map(bag):
     probability = mapped(bag, MapperConfig(log_odds_limit=3.5))
-    parameters = {'map_update_interval': 0.1, 'log_odds_limit': 3.5}
+    parameters = {'map_update_interval': 0.1, 'log_odds_limit': 3.5, 'no_return': 'clear'}
     with NodeProcess('online_mapper', parameters=parameters) as node, Observer() as observer:
         maps = observer.collect(OccupancyGrid, 'map', LATCHED)
         percents = observer.collect(OccupancyGrid, 'map_probability', LATCHED)
