@@ -1,6 +1,7 @@
 """Shared fixtures: where the recorded logs are, a small bag, an isolated ROS."""
 
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -76,6 +77,9 @@ def run_process(tmp_path):
 
 
 def pytest_configure(config) -> None:
+    if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+        # A shell without job control has it ignored in the background, and children inherit that.
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     worker = os.environ.get('PYTEST_XDIST_WORKER')
     if worker is None:
         forget_stale_kernels()
