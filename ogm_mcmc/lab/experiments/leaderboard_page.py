@@ -25,12 +25,13 @@ a log then judge the map at these poses.
 
 `points` is the area under the ROC curve of points along the odd beams (free every 0.5 m, occupied
 at the end). Time is of processors, without compiling and without estimating poses; memory is the
-rise of the resident set while the map is made. Both are of 100 %.
+rise of the resident set while the map is made, so memory that was free before does not show. Both
+are of 100 %. What the tables say: [results](results.md#leaderboard).
 """
 
 BUILDINGS_TEXT = """\
-Means of {count}, a particle filter's poses (the likeliest mean), judged against the true map on
-the cells that any beam measured, with odd beams at the true poses.
+Means of {count}. Poses are the means of what a particle filter believed. The true map judges, on
+the cells that any beam measured; so do odd beams (nats), at the true poses.
 """
 
 CLOSING = """\
@@ -60,8 +61,8 @@ ogm_mcmc evaluate theirs=map.yaml --beams intel_judge --sigma 0.05 \\
     --no-return ignore --unknown 0.15
 ```
 
-Maps that only say free, unknown and occupied are judged as they are; a beam that contradicts a
-certain cell costs much, so a fair conversion to probabilities is the mapper's to make.
+Maps that only say free, unknown and occupied are judged as they are. A beam that contradicts a
+certain cell costs much, so it is for the mapper to say how sure it is.
 
 ## What was not run
 
