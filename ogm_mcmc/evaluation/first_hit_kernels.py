@@ -16,6 +16,17 @@ NOTHING_LEFT = 1e-15
 
 
 @njit(cache=True, nogil=True)
+def occupied_at(probability, prior, column, row):
+    """Probability of a cell of (height, width) float32; `prior` where that is nan, and outside."""
+    height, width = probability.shape
+    if 0 <= column < width and 0 <= row < height:
+        known = np.float64(probability[row, column])
+        if known == known:
+            return known
+    return np.float64(prior)
+
+
+@njit(cache=True, nogil=True)
 def scan_first_hits(
     probability, prior, x, y, directions, reach, depth, distances, masses, starts, survival
 ):
@@ -29,7 +40,6 @@ def scan_first_hits(
                  M at least N * (1.5 * reach + 4)
     survival     (N,) float64, output: probability that nothing is hit
     """
-    height, width = probability.shape
     count = 0
     for ray in range(directions.shape[1]):
         starts[ray] = count
@@ -41,11 +51,7 @@ def scan_first_hits(
         entered, left = 0.0, 1.0
         while entered <= reach and left > NOTHING_LEFT:
             leaving = min(at_x, at_y)
-            p = np.float64(prior)
-            if 0 <= column < width and 0 <= row < height:
-                known = np.float64(probability[row, column])
-                if known == known:
-                    p = known
+            p = occupied_at(probability, prior, column, row)
             if p > 0.0:
                 distances[count] = entered + depth * (leaving - entered)
                 masses[count] = left * p

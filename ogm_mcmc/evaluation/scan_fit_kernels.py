@@ -12,6 +12,7 @@ import math
 import numpy as np
 from numba import njit
 
+from ogm_mcmc.evaluation.first_hit_kernels import occupied_at
 from ogm_mcmc.geometry.walk_kernels import begin_walk, next_cell
 from ogm_mcmc.sensors.forward_model_kernels import LOG_SQRT_2PI, below
 
@@ -119,7 +120,6 @@ def probability_fits(
     probability  (height, width) float32, nan where unknown; `prior` is taken there and outside
     depth        where in a cell a beam is reflected, as a share of its way through
     """
-    height, width = probability.shape
     for pose in range(poses.shape[0]):
         x, y = poses[pose, 0], poses[pose, 1]
         total = 0.0
@@ -137,11 +137,7 @@ def probability_fits(
             entered, left, hits = 0.0, 1.0, 0.0
             while entered <= furthest and left > NOTHING_LEFT:
                 leaving = min(at_x, at_y)
-                p = np.float64(prior)
-                if 0 <= column < width and 0 <= row < height:
-                    known = np.float64(probability[row, column])
-                    if known == known:
-                        p = known
+                p = occupied_at(probability, prior, column, row)
                 distance = entered + depth * (leaving - entered)
                 if p > 0.0 and distance > nearest:
                     hits += left * p * peak(reading, distance, reach, sigma)

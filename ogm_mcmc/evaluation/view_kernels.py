@@ -11,6 +11,7 @@ import math
 import numpy as np
 from numba import njit
 
+from ogm_mcmc.evaluation.first_hit_kernels import occupied_at
 from ogm_mcmc.geometry.walk_kernels import begin_walk, next_cell
 
 NOTHING_LEFT = 1e-9
@@ -19,7 +20,6 @@ NOTHING_LEFT = 1e-9
 @njit(cache=True, nogil=True)
 def bin_hits(probability, prior, views, headings, reach, depth, hits):
     """Of independent cells: probability (height, width) float32, `prior` where nan and outside."""
-    height, width = probability.shape
     bins = hits.shape[1] - 1
     hits[:] = 0.0
     for view in range(views.shape[0]):
@@ -34,11 +34,7 @@ def bin_hits(probability, prior, views, headings, reach, depth, hits):
             entered, left = 0.0, 1.0
             while entered <= reach and left > NOTHING_LEFT:
                 leaving = min(at_x, at_y)
-                p = np.float64(prior)
-                if 0 <= column < width and 0 <= row < height:
-                    known = np.float64(probability[row, column])
-                    if known == known:
-                        p = known
+                p = occupied_at(probability, prior, column, row)
                 distance = entered + depth * (leaving - entered)
                 out[min(math.floor(distance), bins - 1)] += left * p
                 left *= 1.0 - p
