@@ -87,6 +87,11 @@ def describe(summary: ImportSummary) -> str:
         lines.append(f'  particles     {summary.particles_per_scan} per scan')
     if summary.odometry:
         lines.append(f'  odometry      {summary.odometry} on odom{_odometry_remark(summary)}')
+    if summary.raw_scans:
+        lines.append(
+            '  poses         from odometry: RAWLASER lines name none; interpolated at the time of '
+            'each scan'
+        )
     lines.extend(_mended(summary))
     if summary.left_alone:
         left = ', '.join(f'{count} {kind}' for kind, count in summary.left_alone.items())
@@ -132,6 +137,11 @@ def _mended(summary: ImportSummary) -> list[str]:
         mended.append(
             f'  no angles     scans by number of readings, left out: {counts}; '
             '--field-of-view gives them angles'
+        )
+    if summary.without_odometry:
+        mended.append(
+            f'  no pose       {summary.without_odometry} raw scans before, after or in gaps of '
+            'the odometry: left out'
         )
     if summary.without_particles:
         mended.append(f'  no particles  {summary.without_particles} scans without: left out')

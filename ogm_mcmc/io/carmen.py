@@ -1,8 +1,10 @@
 """Parse CARMEN logs (old and new format) and GMapping's .gfs, plain or gzipped.
 
 Lines read: FLASER, RLASER (old), ROBOTLASERn (new), ODOM, PARAM, and of GMapping's full output
-LASER_READING, SM_UPDATE and RESAMPLE. Everything else is counted and left alone. Values stay as
-in the file; what they mean in ROS is decided in `carmen_import`. A damaged line costs that line.
+LASER_READING, SM_UPDATE and RESAMPLE. RAWLASERn, which names no pose, is used where nothing else
+holds readings: the odometry says where the robot was (`carmen_raw`). Everything else is counted
+and left alone. Values stay as in the file; what they mean in ROS is decided in `carmen_import`. A
+damaged line costs that line.
 """
 
 from __future__ import annotations
@@ -21,6 +23,7 @@ from ogm_mcmc.arrays import Float64Array
 from ogm_mcmc.errors import LogError, PoseError
 from ogm_mcmc.geometry import PoseSamples
 from ogm_mcmc.io.carmen_lines import LineParser, LogOdometry, LogScan, fault
+from ogm_mcmc.io.carmen_raw import RawLines, place_raw_scans
 
 __all__ = ['CarmenLog', 'LogOdometry', 'LogScan', 'particle_weights', 'read_carmen']
 
@@ -47,6 +50,8 @@ class CarmenLog:
     first_damage: str = ''
     without_angles: Counter[int] = field(default_factory=Counter)  # scans left out, by readings
     without_particles: int = 0  # scans left out, of a log whose other scans have particles
+    raw_scans: int = 0  # scans of lines without a pose, placed by the odometry
+    without_odometry: int = 0  # such scans left out: the odometry does not cover them
     cut: str = ''  # what ends the file too early
 
     @property
@@ -108,6 +113,8 @@ class _LineReader:
         self.last_scan: LogScan | None = None  # None, too, after a damaged one
         self.good_lines = 0
         self.damaged_scans = 0
+        self.posed = False  # whether any line names the pose of its scan
+        self.raw = RawLines(field_of_view_rad)
 
     def take(self, number: int, raw: bytes) -> None:
         # Names and remarks may be in any encoding, or none.
@@ -143,6 +150,9 @@ class _LineReader:
 
     def check_end(self, number: int, kind: str, n_records: int) -> None:
         """Doubt a last line that nothing ends: its last number may have lost digits."""
+        if kind.startswith('RAWLASER'):
+            self.raw.doubt_last()
+            return
         records = self.log.records
         cut_time = len(records) > max(n_records, 1) and records[-1].time_s < records[-2].time_s
         if cut_time or kind in ('SM_UPDATE', 'RESAMPLE'):
@@ -154,6 +164,8 @@ class _LineReader:
     def finish(self) -> None:
         """Judge the whole log."""
         log = self.log
+        if not log.scans:
+            self.use_raw()
         scans = log.scans
         log.without_angles = self.parse.without_angles
         worst = log.damaged > self.good_lines or self.damaged_scans > len(scans)
@@ -163,8 +175,8 @@ class _LineReader:
                 f'{log.path}, {log.first_damage} ({log.damaged} of {lines} lines cannot be used)'
             )
         if not scans:
-            raw = sorted(kind for kind in log.left_alone if kind.startswith('RAWLASER'))
-            reasons = [f'{kind} names no pose' for kind in raw] + ([log.cut] if log.cut else [])
+            raw = f'{len(self.raw.scans)} RAWLASER lines, but no ODOM line at their times'
+            reasons = ([raw] if self.raw.scans else []) + ([log.cut] if log.cut else [])
             why = f' ({", ".join(reasons)})' if reasons else ''
             raise LogError(
                 f'{log.path}: no laser line in it{why}: '
@@ -172,6 +184,20 @@ class _LineReader:
             )
         if any(scan.particles is not None for scan in scans):
             self.keep_placed()
+
+    def use_raw(self) -> None:
+        """Take the lines without a pose, placed by the odometry, for want of others."""
+        log, raw = self.log, self.raw
+        log.damaged += raw.damaged
+        self.damaged_scans += raw.damaged
+        log.first_damage = log.first_damage or raw.first_damage
+        self.parse.without_angles += raw.parse.without_angles
+        self.good_lines -= raw.damaged
+        log.records = place_raw_scans(raw.among(log.records), log.parameters)
+        log.raw_scans = len(log.scans)
+        log.without_odometry = len(raw.scans) - log.raw_scans
+        for kind in [kind for kind in log.left_alone if kind.startswith('RAWLASER')]:
+            del log.left_alone[kind]
 
     def keep_placed(self) -> None:
         """Leave out scans without particles: the pose in the line is raw odometry.
@@ -206,6 +232,9 @@ class _LineReader:
                 self.resampling(number, words)
             elif kind == 'ODOM':
                 self.keep_odometry(self.parse.odometry(number, words))
+            elif kind.startswith('RAWLASER') and not self.posed:
+                self.log.left_alone[kind] += 1
+                self.raw.take(number, words, len(self.log.records))
             elif kind == 'PARAM' and len(words) > 2:
                 self.log.parameters.setdefault(words[1], words[2])
             else:
@@ -218,6 +247,7 @@ class _LineReader:
             raise fault(number, f'{kind}: {error}', 'a pose') from error
 
     def keep(self, scan: LogScan) -> None:
+        self.posed = True
         self.last_scan = scan
         self.log.records.append(scan)
 

@@ -24,7 +24,7 @@ from ogm_mcmc.io.carmen import CarmenLog, LogOdometry, LogScan, read_carmen
 from ogm_mcmc.io.carmen_times import (
     MAX_STAMP_S,
     NS_PER_S,
-    in_order_of_the_file,
+    storable_times,
     strictly_increasing,
 )
 from ogm_mcmc.io.no_return import LaserRange, laser_range
@@ -89,6 +89,8 @@ class ImportSummary:
     first_damage: str = ''
     without_angles: dict[int, int] = field(default_factory=dict)
     without_particles: int = 0
+    raw_scans: int = 0
+    without_odometry: int = 0
     cut: str = ''
     left_alone: dict[str, int] = field(default_factory=dict)
 
@@ -111,6 +113,8 @@ def import_carmen(
         first_damage=log.first_damage,
         without_angles=dict(log.without_angles),
         without_particles=log.without_particles,
+        raw_scans=log.raw_scans,
+        without_odometry=log.without_odometry,
         cut=log.cut,
     )
     reach = _ranges_of(log, options)
@@ -136,7 +140,8 @@ def import_carmen(
     summary.angle_increment_deg = sorted(
         {round(math.degrees(scan.increment_rad), 6) for scan in log.scans}
     )
-    summary.odometry_to_pose_median_m = _odometry_agreement(log, order)
+    if not log.raw_scans:  # their poses are the odometry
+        summary.odometry_to_pose_median_m = _odometry_agreement(log, order)
     return summary
 
 
@@ -170,10 +175,8 @@ def _number_or_0(text: str) -> float:
 def _storable(log: CarmenLog, options: ImportOptions, summary: ImportSummary) -> list[float]:
     """Return times that a ROS stamp holds: as they are, or in the order of the file from 0 on."""
     times = [record.time_s + options.time_offset_s for record in log.records]
-    usual = sorted(times)[(len(times) - 1) // 2]
-    mendable = options.time_offset_s == 0.0 and -(2.0**33) < usual < 2.0**33
-    if mendable and not 0.0 <= min(times) <= max(times) < MAX_STAMP_S:
-        times, summary.clock_shift_s, summary.clock_jumps = in_order_of_the_file(times)
+    if options.time_offset_s == 0.0:
+        times, summary.clock_shift_s, summary.clock_jumps = storable_times(times)
     for time in (min(times), max(times)):
         if not 0.0 <= time < MAX_STAMP_S:
             raise LogError(

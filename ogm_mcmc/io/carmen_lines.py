@@ -143,6 +143,19 @@ class LineParser:
 
         then laser x y theta, robot x y theta, five motion fields, time host logger_time.
         """
+        scan, end = self.new_laser(line, words, words[0].removeprefix('ROBOTLASER') or '1')
+        scan.time_s = self.number(line, words, end + 11, 'time')
+        scan.laser_pose = self.pose(line, words, end)
+        return scan
+
+    def raw_laser(self, line: int, words: list[str]) -> LogScan:
+        """RAWLASERn as ROBOTLASERn up to its remissions, then time host logger_time: no pose."""
+        scan, end = self.new_laser(line, words, words[0].removeprefix('RAWLASER') or '1')
+        scan.time_s = self.number(line, words, end, 'time')
+        return scan
+
+    def new_laser(self, line: int, words: list[str], laser: str) -> tuple[LogScan, int]:
+        """Return a scan without time and pose, and which word comes after its remissions."""
         start, step, max_range = (
             self.number(line, words, index, name)
             for index, name in ((2, 'start angle'), (4, 'resolution'), (5, 'maximum range'))
@@ -155,17 +168,9 @@ class LineParser:
                 (start, view / max(1, count - 1)) if view else self.old_angles(line, count)
             )
         remissions = self.count(line, words, 9 + count, 'number of remissions', at_least=0)
-        end = 10 + count + remissions
-        return LogScan(
-            line,
-            words[0].removeprefix('ROBOTLASER') or '1',
-            self.number(line, words, end + 11, 'time'),
-            self.readings(line, words, 9, count),
-            start,
-            step,
-            max_range,
-            self.pose(line, words, end),
-        )
+        ranges = self.readings(line, words, 9, count)
+        scan = LogScan(line, laser, 0.0, ranges, start, step, max_range, Pose2D(0.0, 0.0, 0.0))
+        return scan, 10 + count + remissions
 
     def gmapping_laser(self, line: int, words: list[str]) -> LogScan:
         """LASER_READING n ranges... odom_x odom_y odom_theta time."""

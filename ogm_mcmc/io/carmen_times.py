@@ -8,7 +8,14 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import NamedTuple
 
-__all__ = ['MAX_STAMP_S', 'NS_PER_S', 'MendedTimes', 'in_order_of_the_file', 'strictly_increasing']
+__all__ = [
+    'MAX_STAMP_S',
+    'NS_PER_S',
+    'MendedTimes',
+    'in_order_of_the_file',
+    'storable_times',
+    'strictly_increasing',
+]
 
 NS_PER_S = 1_000_000_000
 MAX_STAMP_S = 2.0**31 - 1.0
@@ -56,6 +63,18 @@ def in_order_of_the_file(times_s: Sequence[float]) -> MendedTimes:
         mended.append(latest)
         before = time
     return MendedTimes(mended, 0.0 - times_s[0], jumps)
+
+
+def storable_times(times_s: Sequence[float]) -> MendedTimes:
+    """Return times (N,) that a ROS stamp holds: as they are, or by the order of the file from 0.
+
+    Times of which most are no times at all stay as they are.
+    """
+    usual = sorted(times_s)[(len(times_s) - 1) // 2]
+    no_times = not -(2.0**33) < usual < 2.0**33
+    if no_times or 0.0 <= min(times_s) <= max(times_s) < MAX_STAMP_S:
+        return MendedTimes(list(times_s), 0.0, 0)
+    return in_order_of_the_file(times_s)
 
 
 def strictly_increasing(

@@ -225,11 +225,6 @@ def test_a_reading_that_is_not_ascii(write_log):
     assert 'a range is no number' in fault_in_line_2(write_log, FLASER.replace(' 0.5 ', ' 0§5 '))
 
 
-def test_raw_lasers_alone_name_no_pose(write_log):
-    message = message_of(write_log('RAWLASER1 0 -1.5 3 0.25 50 0.01 0 2 1 2 0 5 host 5', ODOM))
-    assert 'RAWLASER1 names no pose' in message
-
-
 def test_a_line_without_end_costs_that_line_and_little_memory(write_log):
     plain = write_log(FLASER, FLASER).read_bytes()
     endless = b'FLASER ' + b'1 ' * 40_000_000
