@@ -16,22 +16,23 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 
-import numpy as np
-
+from ogm_mcmc.arrays import Float64Array
 from ogm_mcmc.config import MapperConfig, flatten
 from ogm_mcmc.errors import GridError, require
-from ogm_mcmc.geometry import CellBox, GridMap, PlacedScan, Pose2D, PoseBelief, Scan
+from ogm_mcmc.geometry import CellBox, GridMap, PlacedScan
 from ogm_mcmc.mapping import (
     Extras,
+    Prediction,
     batch_update,
     extras_of,
     live_settings,
     make_method,
+    predictor,
+    uses_covariance,
 )
 
-__all__ = ['MappingPipeline', 'warm_up']
+__all__ = ['MappingPipeline', 'live_settings', 'uses_covariance']
 
 NOTHING = CellBox(0, 0, 0, 0)
 
@@ -117,33 +118,13 @@ class MappingPipeline:
         spec = self.method.spec
         return GridMap(spec, self.method.probabilities(spec.box)).cropped()
 
+    def at(self, points: Float64Array) -> Prediction:
+        """Return log-odds and variance at any points (N, 2), m.
+
+        Raises ConfigError for a method that knows of cells alone.
+        """
+        return predictor(self.config.method)(self.method, points)
+
     def extras(self, box: CellBox) -> Extras:
         """Return what the method saves beside the probabilities of the cells of a box."""
         return extras_of(self.config.method, self.method, box)
-
-
-def warm_up(config: MapperConfig, *, together: bool = False) -> int:
-    """Compile, or load from the cache, every kernel the configuration needs.
-
-    With `together` also those that take many scans at once (`MappingPipeline.update_all`).
-    Returns the number of cells that a first scan on a map of its own has measured.
-    """
-    # A few cells, whatever the configuration.
-    sonar = replace(config.sonar, thickness=config.resolution)
-    pipeline = MappingPipeline(replace(config, sonar=sonar))
-    scan = Scan.checked(
-        np.array([1.5, np.inf], np.float32) * config.resolution,
-        angle_min_rad=0.1,
-        angle_increment_rad=1.0,
-        range_min_m=0.0,
-        range_max_m=2.0 * config.resolution,
-    )
-    pose = Pose2D(3.5 * config.resolution, 3.5 * config.resolution)
-    if config.method != 'two_assumption':
-        # An uncertain pose may take other kernels than a known one.
-        doubt = 1e-4 * config.resolution**2 * np.eye(3)
-        MappingPipeline(pipeline.config).update(PlacedScan(scan, PoseBelief(pose, doubt)))
-    pipeline.update(PlacedScan.at(scan, pose))
-    if together:
-        MappingPipeline(pipeline.config).update_all([PlacedScan.at(scan, pose)])
-    return int(np.isfinite(pipeline.map().probability).sum())

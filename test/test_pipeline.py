@@ -8,6 +8,7 @@ from support import pictures
 from support.strategies import fan
 
 from ogm_mcmc.config import MapperConfig, OutputConfig, StepModelConfig, settings_of
+from ogm_mcmc.engine.live_map import warm_up_mapping
 from ogm_mcmc.engine.map_view import MAX_STALE_BOXES, MapView
 from ogm_mcmc.errors import ConfigError, GridError
 from ogm_mcmc.geometry import (
@@ -27,7 +28,7 @@ from ogm_mcmc.mapping.gaussian_field_kernels import take_in
 from ogm_mcmc.mapping.quadtree_counting_kernels import count_seen
 from ogm_mcmc.mapping.sonar_kernels import add_cone
 from ogm_mcmc.mapping.two_assumption_kernels import fuse_per_beam, fuse_per_scan
-from ogm_mcmc.pipeline import MappingPipeline, warm_up
+from ogm_mcmc.pipeline import MappingPipeline
 
 KINDS = [
     ('', OutputConfig()),
@@ -346,9 +347,9 @@ CONFIGS = [
 
 
 def test_warm_up_runs_for_every_configuration():
-    assert min(warm_up(config) for config in CONFIGS) >= 1
+    assert min(warm_up_mapping(config) for config in CONFIGS) >= 1
     for method in METHODS:
-        assert warm_up(MapperConfig(method=method, max_cells=4096)) > 1
+        assert warm_up_mapping(MapperConfig(method=method, max_cells=4096)) > 1
 
 
 @pytest.mark.jit
@@ -366,7 +367,7 @@ def test_warm_up_runs_for_every_configuration():
 )
 def test_nothing_is_compiled_after_warm_up(method, fusion, kernel):
     config = MapperConfig(method=method, fusion=fusion)
-    warm_up(config)
+    warm_up_mapping(config)
     compiled = kernel.signatures
     assert len(compiled) == 1
     belief = PoseBelief(Pose2D(1.013, 2.017), np.diag([0.01, 0.0, 0.001]))

@@ -17,6 +17,7 @@ from ogm_mcmc.config import HeldOutConfig, PlacingConfig, SamplerConfig, flatten
 from ogm_mcmc.engine.no_returns import NoReturnChoice, no_return_of
 from ogm_mcmc.errors import BagError
 from ogm_mcmc.evaluation import (
+    ForwardModel,
     HeldOutBeams,
     Ratio,
     beam_log_likelihood,
@@ -26,7 +27,6 @@ from ogm_mcmc.evaluation import (
 from ogm_mcmc.geometry import GridMap, GridSpec
 from ogm_mcmc.io.sample_files import load_samples
 from ogm_mcmc.plotting import Picture, Series, curves_png, heat_png, probability_png
-from ogm_mcmc.sensors.forward_model import ForwardModel
 
 __all__ = ['Held', 'beam_figures', 'beam_settings', 'by_beams', 'read_figures', 'read_held_out']
 

@@ -12,10 +12,9 @@ from ogm_mcmc.arrays import Float64Array
 from ogm_mcmc.cli.evaluate_answer import Answer
 from ogm_mcmc.config import ExpectedScanConfig, ForwardModelConfig, flatten
 from ogm_mcmc.errors import PoseError
-from ogm_mcmc.evaluation import entropy_nats, expected_information_gain
+from ogm_mcmc.evaluation import ForwardModel, entropy_nats, expected_information_gain
 from ogm_mcmc.geometry import GridMap, Pose2D
 from ogm_mcmc.plotting import Picture, Series, curves_png
-from ogm_mcmc.sensors.forward_model import ForwardModel
 from ogm_mcmc.simulation import Lidar
 
 __all__ = ['from_pose', 'pose_inside', 'read_pose']

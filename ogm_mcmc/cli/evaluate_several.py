@@ -29,13 +29,12 @@ from ogm_mcmc.config import (
     flatten,
 )
 from ogm_mcmc.errors import ConfigError, GridError
-from ogm_mcmc.evaluation import beam_log_likelihood, compare, held_out_points
+from ogm_mcmc.evaluation import ForwardModel, beam_log_likelihood, compare, held_out_points
 from ogm_mcmc.evaluation.held_out import cells_of_ends
 from ogm_mcmc.files.user_paths import user_path
 from ogm_mcmc.geometry import GridMap, GridSpec
 from ogm_mcmc.io.map_files import load_grid
 from ogm_mcmc.plotting import Picture, kinds_png, probability_png
-from ogm_mcmc.sensors.forward_model import ForwardModel
 
 __all__ = ['Compared', 'compared_by_beams', 'compared_by_truth', 'map_pictures', 'named_maps']
 

@@ -4,28 +4,25 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from tqdm import tqdm
 
-from ogm_mcmc.arrays import Int8Array
 from ogm_mcmc.cli.options import Subparsers, add_json, add_max_cells, print_result
 from ogm_mcmc.config import (
     LearningConfig,
     PatchTableConfig,
     add_arguments,
     build,
-    flatten,
     given,
 )
-from ogm_mcmc.engine.prior_files import Prior, save_prior
+from ogm_mcmc.engine.prior_files import save_prior
+from ogm_mcmc.engine.prior_learning import PUBLISHED, count_maps, patch_statistics
 from ogm_mcmc.errors import OutputError, PriorError, require
 from ogm_mcmc.files.output_files import makeable_folder, refuse_folder, writable_folder
 from ogm_mcmc.io.training_maps import MapSource, TrainingMap, read_sources, read_training_map
-from ogm_mcmc.sampling.patch_learning import PatchCounts, count_map, rescaled, total_of
-from ogm_mcmc.sampling.patch_prior import make_table, nats_per_window
-from ogm_mcmc.sampling.patch_statistics import PUBLISHED, patch_statistics
 
 __all__ = ['add_to']
 
@@ -83,59 +80,38 @@ def run(options: argparse.Namespace) -> int:
     if any(options.output.resolve() == image.resolve() for image in _files_read(options)):
         raise OutputError(f'{options.output}: is a file to read; expected a new name')
     makeable_folder(options.output.parent)
-    counted, sources, skipped = _counted(options, config)
-    if options.held_out and len(counted) < 2:
+    counted = count_maps(_training_maps(options), config)
+    if options.held_out and len(counted.counts) < 2:
         raise PriorError('--held-out: expected at least two maps')
-    counts = total_of(counted.values()).without_rare(options.least)
-    require(
-        counts.squares.patterns.size > 0,
-        'least',
-        options.least,
-        'no 5 x 5 window was seen so often',
-    )
-    settings = {**flatten(config), 'least': options.least}
+    prior = counted.prior(options.least)
     writable_folder(options.output.parent)
-    save_prior(Prior(counts, settings, tuple(sources)), options.output)
+    save_prior(prior, options.output)
     result: dict[str, Any] = {
         'file': str(options.output),
         'bytes': options.output.stat().st_size,
-        'maps': [dataclasses.asdict(source) for source in sources],
-        'skipped': skipped,
-        'settings': settings,
-        'dropped_windows': counts.dropped,
-        **patch_statistics(counts),
+        'maps': [dataclasses.asdict(source) for source in counted.sources],
+        'skipped': counted.skipped,
+        'settings': prior.options,
+        'dropped_windows': prior.counts.dropped,
+        **patch_statistics(prior.counts),
     }
     if options.held_out:
-        result['held_out'] = _held_out(counted, table, options.least)
+        scores = counted.scores_left_out(table, options.least)
+        bar = tqdm(scores, total=len(counted.counts), unit=' maps', desc='held-out', disable=None)
+        result['held_out'] = {str(path): score for path, score in bar}
     print_result(options, result, _text(result))
     return 0
 
 
-def _counted(
-    options: argparse.Namespace, config: LearningConfig
-) -> tuple[dict[Path, PatchCounts], list[MapSource], list[str]]:
-    """Counts of each map, where the maps come from, and which ones were left out."""
-    counted: dict[Path, PatchCounts] = {}
-    sources: list[MapSource] = []
-    skipped = []
+def _training_maps(options: argparse.Namespace) -> Iterator[tuple[Path, TrainingMap]]:
+    """Read the maps one by one: what they take of memory goes with them."""
     with tqdm(options.images, unit=' maps', desc='learn-prior', disable=None) as images:
         for image in images:
-            training = read_training_map(
-                image, _sources(options, image), options.image_resolution, options.max_cells
+            known = _sources(options, image)
+            yield (
+                image,
+                read_training_map(image, known, options.image_resolution, options.max_cells),
             )
-            if config.coarser == 'skip' and _coarser(training, config):
-                skipped.append(str(image))
-                continue
-            if image in counted:
-                raise PriorError(f'{image}: given twice: expected each map once')
-            try:
-                counted[image] = count_map(_at_resolution(training, config), config)
-            except PriorError as error:
-                raise PriorError(f'{image}: {error}') from error
-            sources.append(training.source)
-    if not counted:
-        raise PriorError(f'all maps are coarser than {config.resolution:g} m: expected finer ones')
-    return counted, sources, skipped
 
 
 def _files_read(options: argparse.Namespace) -> list[Path]:
@@ -151,28 +127,6 @@ def _sources(options: argparse.Namespace, image: Path) -> dict[str, MapSource]:
         return read_sources(options.sources)
     beside = image.parent / SOURCES
     return read_sources(beside) if beside.is_file() else {}
-
-
-def _coarser(training: TrainingMap, config: LearningConfig) -> bool:
-    return training.resolution_m > config.resolution * (1.0 + 1e-6)
-
-
-def _at_resolution(training: TrainingMap, config: LearningConfig) -> Int8Array:
-    if config.coarser == 'as_is' and _coarser(training, config):
-        return training.states
-    return rescaled(training.states, training.resolution_m, config.resolution)
-
-
-def _held_out(
-    counted: dict[Path, PatchCounts], config: PatchTableConfig, least: int
-) -> dict[str, float]:
-    """-log p(patch | border) of each map's 3 x 3 patches under what the others say, nats."""
-    scores = {}
-    for path, counts in tqdm(counted.items(), unit=' maps', desc='held-out', disable=None):
-        others = total_of(each for other, each in counted.items() if other != path)
-        table = make_table('border', 9, others.without_rare(least), config)
-        scores[str(path)] = nats_per_window(table, counts)
-    return scores
 
 
 LABELS = {

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import itertools
 import json
 import time
-from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
-from ogm_mcmc.arrays import Float64Array
 from ogm_mcmc.cli.bag_scans import placed_scans
 from ogm_mcmc.cli.options import (
     Subparsers,
@@ -20,22 +17,15 @@ from ogm_mcmc.cli.options import (
     config_from,
     print_result,
 )
-from ogm_mcmc.config import MapperConfig, OutputConfig, PlacingConfig, flatten
+from ogm_mcmc.config import OutputConfig, PlacingConfig, flatten
 from ogm_mcmc.config.nodes import NodeMapperConfig
-from ogm_mcmc.engine.bag_scans import PlacedScans
-from ogm_mcmc.engine.no_returns import NoReturnChoice, NoReturnWatch, no_return_of
+from ogm_mcmc.engine.recorded_map import check_mapping, map_recording
 from ogm_mcmc.engine.saved_map import MapToSave, replacing_map
-from ogm_mcmc.errors import GridError
 from ogm_mcmc.files.output_files import checked_name, makeable_folder
 from ogm_mcmc.io.map_files import points_file, save_npz, table_file
 from ogm_mcmc.io.point_files import read_points, write_prediction
-from ogm_mcmc.mapping import make_method, predictor
-from ogm_mcmc.pipeline import MappingPipeline
 
 __all__ = ['add_to']
-
-# So many scans are read ahead to see what no return means, and no more: they take memory.
-AHEAD = 5000
 
 
 def add_to(subparsers: Subparsers) -> None:
@@ -63,14 +53,14 @@ def run(options: argparse.Namespace) -> int:
     """Run the command."""
     config, output = config_from(options, NodeMapperConfig), config_from(options, OutputConfig)
     placing = config_from(options, PlacingConfig)
-    make_method(config)  # may refuse the settings
-    points = _points(options, config)
+    check_mapping(config, at_points=options.points is not None)
+    points = None if options.points is None else read_points(options.points)
     # What cannot be saved is better said before the work than after it.
     checked_name(options.name)
     makeable_folder(options.folder)
     started = time.perf_counter()
     with placed_scans(options, placing, config, title='map') as scans:
-        pipeline, no_return, off_map = _map_all(config, scans)
+        pipeline, no_return, off_map = map_recording(config, scans)
     topics = scans.topics
     # A single sensor may well sit at mount.x, mount.y; several of them hardly do.
     sure = {f for f, m in scans.mounts.items() if m.origin.startswith('tf')}
@@ -108,8 +98,7 @@ def run(options: argparse.Namespace) -> int:
     with replacing_map(saved, options.folder, options.name, output) as scratch:
         save_npz(saved.grid_map, scratch / files['npz'], settings, saved.extras.layers)
         if points is not None:
-            told = predictor(config.method)(pipeline.method, points)
-            write_prediction(scratch / files['points'], points, *told)
+            write_prediction(scratch / files['points'], points, *pipeline.at(points))
         text = json.dumps(result, indent=2) + '\n'
         (scratch / f'{options.name}.json').write_text(text, encoding='utf-8')
     said = saved.extras.summary
@@ -118,49 +107,6 @@ def run(options: argparse.Namespace) -> int:
         text += f'\n{no_return}'
     print_result(options, result, text)
     return 0
-
-
-def _points(options: argparse.Namespace, config: MapperConfig) -> Float64Array | None:
-    """Return the points to be told about, (N, 2) m; None without. Raises before any work."""
-    if options.points is None:
-        return None
-    predictor(config.method)
-    return read_points(options.points)
-
-
-class _Mapped(NamedTuple):
-    """A map, what no return meant in it, and why the first scan was refused that led too far."""
-
-    pipeline: MappingPipeline
-    no_return: NoReturnChoice
-    refused: str
-
-
-def _map_all(config: MapperConfig, scans: PlacedScans) -> _Mapped:
-    """Map what can be mapped. Raises GridError where no scan can."""
-    refused = ''
-    watch = NoReturnWatch(config.resolution, config.max_range)
-    stream = iter(scans)
-    first = list(itertools.islice(stream, AHEAD))
-    if config.method == 'sonar':
-        choice = NoReturnChoice.of_cones(config.no_return)
-    else:
-        choice = no_return_of(config.no_return, first, config.resolution, config.max_range)
-    pipeline = MappingPipeline(replace(config, no_return=choice.value))
-    for placed in itertools.chain(first, stream):
-        watch.see(placed)
-        try:
-            pipeline.update(placed)
-        except GridError as error:
-            scans.placer.drop('scan_off_map')
-            if not refused:
-                refused = str(error)
-                scans.tell(f'scan at {placed.scan.stamp_ns / 1e9:.3f} s left out: {refused}')
-    if pipeline.scans_used == 0:
-        raise GridError(refused)
-    if watch.seen > AHEAD and config.method != 'sonar':
-        choice = choice._replace(found=watch.judge())
-    return _Mapped(pipeline, choice, refused)
 
 
 def _text(result: dict[str, Any]) -> str:

@@ -40,9 +40,10 @@ from ogm_mcmc.config import (
 )
 from ogm_mcmc.config.nodes import REFINE_CONFIGS, RefineSamplerConfig
 from ogm_mcmc.engine.joint_poses import PoseRefinement
-from ogm_mcmc.engine.refinement import Progress, Recording, Refinement, warm_up
+from ogm_mcmc.engine.refinement import Progress, Recording, Refinement
 from ogm_mcmc.engine.signals import interruptible
 from ogm_mcmc.engine.tiled_refinement import TiledRefinement
+from ogm_mcmc.engine.warm_up import warm_up_sampling
 from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.files.output_files import checked_name, makeable_folder
 from ogm_mcmc.geometry import GridMap, GridSpec
@@ -151,7 +152,7 @@ def _run(
     executor: Workers | None,
     shape: tuple[int, int] | None,
 ) -> int:
-    warm_up(chosen.sampler)
+    warm_up_sampling(chosen.sampler)
     started = time.perf_counter()
     bag = read_bag(options, chosen.placing, beliefs=chosen.poses.joint)
     recording = Recording(chosen.recording)

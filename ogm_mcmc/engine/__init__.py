@@ -9,7 +9,8 @@
 poses come from a history, from a tree of transforms (`transform_tree`, `tf_poses`) or from the
 source that `pose_choice` finds to cover the scans best; `deskew` bends scans taken on the move;
 `recording` keeps what is to be sampled; `posterior` turns settings into a model of the sampler;
-`refinement` samples for as long as there is time; `worker` does so while its node goes on; what
-is made here is kept in files by `saved_map`, `tree_files` and `prior_files`; `signals` are all
-ways in which they take Ctrl-C and SIGTERM. No module here imports ROS.
+`refinement` samples for as long as there is time; `worker` does so while its node goes on;
+`recorded_map` maps a bag; `prior_learning` counts patches of maps; what is made here is kept in
+files by `saved_map`, `tree_files` and `prior_files`; `warm_up` compiles kernels; `signals` are
+all ways in which they take Ctrl-C and SIGTERM. No module here imports ROS.
 """

@@ -16,11 +16,11 @@ import numpy as np
 
 from ogm_mcmc.arrays import Float64Array
 from ogm_mcmc.config import TrajectoryConfig
-from ogm_mcmc.geometry import PlacedScan, Pose2D, PoseBelief, Scan
+from ogm_mcmc.geometry import PlacedScan, Pose2D, PoseBelief
 from ogm_mcmc.trajectory import TrajectoryProgress, TrajectoryRefinement
 from ogm_mcmc.trajectory.points import wrapped
 
-__all__ = ['PoseRefinement', 'RefinedTrajectory', 'warm_up_poses']
+__all__ = ['PoseRefinement', 'RefinedTrajectory']
 
 
 class RefinedTrajectory(NamedTuple):
@@ -106,13 +106,3 @@ class PoseRefinement:
 
 def _deviations(covariances: Float64Array) -> Float64Array:
     return np.asarray(np.sqrt(np.diagonal(covariances, axis1=1, axis2=2)), np.float64)
-
-
-def warm_up_poses() -> int:
-    """Compile, or load from the cache, what refining poses needs; return the steps done."""
-    scan = Scan.checked(
-        np.linspace(1.0, 1.5, 16), angle_min_rad=0.0, angle_increment_rad=0.1,
-        range_min_m=0.0, range_max_m=5.0,
-    )  # fmt: skip
-    scans = [PlacedScan.at(scan, Pose2D(x)) for x in (0.0, 0.1)]
-    return len(list(PoseRefinement(scans, TrajectoryConfig(search=True, draws=2)).run()))

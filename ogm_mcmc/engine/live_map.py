@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 
 from ogm_mcmc.arrays import UInt8Array
 from ogm_mcmc.config import MapperConfig, WindowConfig
 from ogm_mcmc.errors import GridError
-from ogm_mcmc.geometry import CellBox, GridMap, GridSpec, PlacedScan
+from ogm_mcmc.geometry import CellBox, GridMap, GridSpec, PlacedScan, Pose2D, PoseBelief, Scan
 from ogm_mcmc.mapping import batch_update, make_method
+from ogm_mcmc.pipeline import MappingPipeline
 
-__all__ = ['cells_on', 'check_lattice', 'live_map', 'map_of']
+__all__ = ['cells_on', 'check_lattice', 'live_map', 'map_of', 'warm_up_mapping']
 
 
 def map_of(
@@ -69,3 +71,30 @@ def check_lattice(spec: GridSpec, grid: GridMap) -> None:
             f'({grid.spec.anchor_x_m:g}, {grid.spec.anchor_y_m:g}): expected '
             f'{spec.resolution_m:g} m at ({spec.anchor_x_m:g}, {spec.anchor_y_m:g})'
         )
+
+
+def warm_up_mapping(config: MapperConfig, *, together: bool = False) -> int:
+    """Compile, or load from the cache, every kernel the configuration needs.
+
+    With `together` also those that take many scans at once (`MappingPipeline.update_all`).
+    Returns the number of cells that a first scan on a map of its own has measured.
+    """
+    # A few cells, whatever the configuration.
+    sonar = replace(config.sonar, thickness=config.resolution)
+    pipeline = MappingPipeline(replace(config, sonar=sonar))
+    scan = Scan.checked(
+        np.array([1.5, np.inf], np.float32) * config.resolution,
+        angle_min_rad=0.1,
+        angle_increment_rad=1.0,
+        range_min_m=0.0,
+        range_max_m=2.0 * config.resolution,
+    )
+    pose = Pose2D(3.5 * config.resolution, 3.5 * config.resolution)
+    if config.method != 'two_assumption':
+        # An uncertain pose may take other kernels than a known one.
+        doubt = 1e-4 * config.resolution**2 * np.eye(3)
+        MappingPipeline(pipeline.config).update(PlacedScan(scan, PoseBelief(pose, doubt)))
+    pipeline.update(PlacedScan.at(scan, pose))
+    if together:
+        MappingPipeline(pipeline.config).update_all([PlacedScan.at(scan, pose)])
+    return int(np.isfinite(pipeline.map().probability).sum())

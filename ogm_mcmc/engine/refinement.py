@@ -33,7 +33,7 @@ from ogm_mcmc.engine.sensor_fit import SensorNumbers, fit_sensor
 from ogm_mcmc.engine.warp import cells_before, laid_on, warped
 from ogm_mcmc.errors import ConfigError, WindowError
 from ogm_mcmc.files.output_files import replacing
-from ogm_mcmc.geometry import GridMap, GridSpec, PlacedScan, Pose2D, Scan
+from ogm_mcmc.geometry import GridMap, GridSpec, PlacedScan
 from ogm_mcmc.sampling import (
     ChainQuality,
     PosteriorModel,
@@ -52,7 +52,6 @@ __all__ = [
     'Refinement',
     'hide_uncertain',
     'live_map',
-    'warm_up',
 ]
 
 # Judging chains takes a look at every batch of every cell: at most this share of the time.
@@ -365,25 +364,3 @@ class Refinement:
     def settings(self) -> dict[str, Any]:
         """Return what decided the samples: results carry it."""
         return {**flatten(self._decided()), 'scans': len(self._taken)}
-
-
-def warm_up(config: SamplerConfig) -> int:
-    """Compile, or load from the cache, every kernel the configuration needs.
-
-    Returns the sweeps done on a window of one scan.
-    """
-    reach = 4.0 * config.window.resolution
-    scan = Scan.checked(
-        np.array([0.5, np.inf], np.float32) * np.float32(reach),
-        angle_min_rad=0.1,
-        angle_increment_rad=1.0,
-        range_min_m=0.0,
-        range_max_m=reach,
-    )
-    first, second = (PlacedScan.at(scan, Pose2D(x, 0.0)) for x in (0.0, reach))
-    refinement = Refinement(replace(config, window=replace(config.window, beam_stride=1)))
-    # The second time extends the index, which takes one kernel more.
-    for scans in ([first], [first, second]):
-        refinement.take(scans)
-        done = list(refinement.run(StopConfig(max_sweeps=config.chain.burn_in + 1)))
-    return done[-1].sweeps

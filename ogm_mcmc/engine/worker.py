@@ -17,6 +17,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
+from ogm_mcmc.arrays import Float64Array
 from ogm_mcmc.config import PosesConfig, SamplerConfig, StopConfig
 from ogm_mcmc.engine.joint_poses import PoseRefinement, RefinedTrajectory
 from ogm_mcmc.engine.kept_samples import MOST_SAMPLES, KeptSamples
@@ -24,6 +25,7 @@ from ogm_mcmc.engine.no_returns import NoReturnChoice
 from ogm_mcmc.engine.refinement import Progress, Refinement
 from ogm_mcmc.engine.sensor_fit import SensorNumbers
 from ogm_mcmc.errors import OgmError, WindowError
+from ogm_mcmc.evaluation import collision_risk
 from ogm_mcmc.geometry import GridMap, PlacedScan, SampleBits
 from ogm_mcmc.trajectory import TrajectoryProgress
 
@@ -55,6 +57,16 @@ class RefinedMap(NamedTuple):
     final: bool
     trajectory: RefinedTrajectory | None = None
     samples: SampleBits | None = None
+
+    def collision_risk(self, places: Float64Array, radius_m: float) -> Float64Array:
+        """Return (N + 1,): how likely a disc meets something at each place, and on the way.
+
+        places  (N, 2), m. Raises WindowError while there are no samples, and what
+        `ogm_mcmc.evaluation.collision_risk` raises.
+        """
+        if self.samples is None:
+            raise WindowError('no sweep counts yet: no samples of the map')
+        return collision_risk(self.samples, places, radius_m, self.prior)
 
 
 class WorkerStatus(NamedTuple):

@@ -60,6 +60,7 @@ from ogm_mcmc.evaluation.scan_fit import (
     SampleBeams,
 )
 from ogm_mcmc.evaluation.views import ReadingChannel, hits_of_map, hits_of_samples
+from ogm_mcmc.sensors.forward_model import ForwardModel
 
 __all__ = [
     'LEAVING',
@@ -70,6 +71,7 @@ __all__ = [
     'DistanceError',
     'Divergence',
     'FirstHits',
+    'ForwardModel',
     'HeldOutBeams',
     'HeldOutPoints',
     'LikelihoodField',

@@ -118,6 +118,7 @@ the end of a long log; for a live map every change would mean a solve of the who
 from ogm_mcmc.mapping.adaptive import AdaptiveMapper
 from ogm_mcmc.mapping.counting import CountingMapper
 from ogm_mcmc.mapping.extras import Extras
+from ogm_mcmc.mapping.gaussian_field import Prediction
 from ogm_mcmc.mapping.log_odds_grid import LogOddsGrid
 from ogm_mcmc.mapping.method import (
     METHODS,
@@ -143,6 +144,7 @@ __all__ = [
     'LogOddsGrid',
     'MappingMethod',
     'PoseUncertainMapper',
+    'Prediction',
     'RandomFieldMapper',
     'SonarMapper',
     'TwoAssumptionMapper',

@@ -14,20 +14,11 @@ from std_msgs.msg import Float32MultiArray, MultiArrayDimension
 from ogm_mcmc.arrays import Float64Array
 from ogm_mcmc.engine.worker import RefinedMap
 from ogm_mcmc.errors import PoseError
-from ogm_mcmc.evaluation import collision_risk
-from ogm_mcmc.geometry import GridSpec, SampleBits
 from ogm_mcmc.io import messages
 from ogm_mcmc.ros.problems import Problems
 from ogm_mcmc.ros.qos import QUESTIONS
 
-__all__ = ['CollisionAnswers', 'warm_up_collisions']
-
-
-def warm_up_collisions() -> None:
-    """Compile, or load from the cache, what the first answer would wait for."""
-    blank = np.zeros((1, 1, 1), np.uint8)
-    samples = SampleBits.of_maps(GridSpec(1.0, 1, 1), blank, blank[0] == 0)
-    collision_risk(samples, [(0.5, 0.5)], 0.1, 0.5)
+__all__ = ['CollisionAnswers']
 
 
 class CollisionAnswers:
@@ -82,8 +73,7 @@ class CollisionAnswers:
             )
             return none
         try:
-            places = messages.read_places(msg)
-            return collision_risk(result.samples, places, self.radius_m(), result.prior)
+            return result.collision_risk(messages.read_places(msg), self.radius_m())
         except PoseError as error:
             self.problems.warn('collision_query_invalid', f'collision_query: {error}')
             return none

@@ -22,13 +22,13 @@ from ogm_mcmc.config.nodes import (
 )
 from ogm_mcmc.engine.corrections import Nodes
 from ogm_mcmc.engine.kept_scans import KeptScans
+from ogm_mcmc.engine.live_map import warm_up_mapping
 from ogm_mcmc.engine.no_returns import LiveNoReturn, NoReturnChoice
 from ogm_mcmc.engine.saved_map import MapToSave, replacing_map, saved_text
 from ogm_mcmc.errors import OgmError
 from ogm_mcmc.files.user_paths import user_path
 from ogm_mcmc.geometry import PlacedScan
-from ogm_mcmc.mapping import live_settings, uses_covariance
-from ogm_mcmc.pipeline import MappingPipeline, warm_up
+from ogm_mcmc.pipeline import MappingPipeline, live_settings, uses_covariance
 from ogm_mcmc.ros.diagnostics import DIAGNOSTICS_S, Diagnostics
 from ogm_mcmc.ros.intake_health import WELL
 from ogm_mcmc.ros.live_maps import LiveMaps
@@ -94,7 +94,7 @@ class OnlineMapper(ManagedNode):
 
     def warm_up(self) -> None:
         """Compile what the method needs."""
-        warm_up(self.pipeline.config, together=self.settings.keep_scans)
+        warm_up_mapping(self.pipeline.config, together=self.settings.keep_scans)
 
     def begin(self) -> None:
         """Subscribe, and publish from now on."""

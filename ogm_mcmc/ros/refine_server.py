@@ -29,10 +29,10 @@ from ogm_mcmc.config.nodes import (
     refine_settings_agree,
 )
 from ogm_mcmc.engine.corrections import Corrected, Corrector, Nodes
-from ogm_mcmc.engine.joint_poses import warm_up_poses
 from ogm_mcmc.engine.recording import Recording
-from ogm_mcmc.engine.refinement import hide_uncertain, warm_up
+from ogm_mcmc.engine.refinement import hide_uncertain
 from ogm_mcmc.engine.saved_map import saved_text
+from ogm_mcmc.engine.warm_up import warm_up_collisions, warm_up_poses, warm_up_sampling
 from ogm_mcmc.engine.worker import RefinedMap, RefineWorker
 from ogm_mcmc.errors import OgmError
 from ogm_mcmc.files.output_files import writable_folder
@@ -40,7 +40,7 @@ from ogm_mcmc.files.user_paths import user_path
 from ogm_mcmc.geometry import GridMap, PlacedScan
 from ogm_mcmc.io.map_files import save_map
 from ogm_mcmc.io.tum_files import write_beliefs
-from ogm_mcmc.ros.collision_answers import CollisionAnswers, warm_up_collisions
+from ogm_mcmc.ros.collision_answers import CollisionAnswers
 from ogm_mcmc.ros.diagnostics import DIAGNOSTICS_S, Diagnostics
 from ogm_mcmc.ros.intake_health import WELL
 from ogm_mcmc.ros.managed_node import ManagedNode
@@ -121,7 +121,7 @@ class RefineServer(ManagedNode):
 
     def warm_up(self) -> None:
         """Compile what sampling and answers need."""
-        warm_up(self.sampler)
+        warm_up_sampling(self.sampler)
         warm_up_collisions()
         if self.poses.joint:
             warm_up_poses()

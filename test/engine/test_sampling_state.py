@@ -8,7 +8,8 @@ from support.strategies import fan
 
 from ogm_mcmc.config import ChainConfig, PatchConfig, SamplerConfig, StopConfig, WindowConfig
 from ogm_mcmc.engine.recording import fingerprint
-from ogm_mcmc.engine.refinement import Refinement, hide_uncertain, warm_up
+from ogm_mcmc.engine.refinement import Refinement, hide_uncertain
+from ogm_mcmc.engine.warm_up import warm_up_sampling
 from ogm_mcmc.errors import WindowError
 from ogm_mcmc.geometry import PlacedScan, Pose2D, PoseBelief
 
@@ -148,7 +149,7 @@ def test_the_same_scans_are_known():
 def test_warm_up_runs_everything_once(order):
     window = WindowConfig(resolution=0.05, beam_stride=7)
     config = SamplerConfig(window=window, chain=ChainConfig(order=order, burn_in=3))
-    assert warm_up(config) == 4
+    assert warm_up_sampling(config) == 4
 
 
 def test_what_chance_may_do_is_not_shown():

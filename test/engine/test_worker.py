@@ -17,8 +17,8 @@ from ogm_mcmc.config import (
     WindowConfig,
 )
 from ogm_mcmc.config.nodes import NodeWindowConfig
-from ogm_mcmc.engine.joint_poses import warm_up_poses
-from ogm_mcmc.engine.refinement import Refinement, warm_up
+from ogm_mcmc.engine.refinement import Refinement
+from ogm_mcmc.engine.warm_up import warm_up_poses, warm_up_sampling
 from ogm_mcmc.engine.worker import RefineWorker
 from ogm_mcmc.errors import WindowError
 from ogm_mcmc.evaluation import confusion_counts
@@ -61,7 +61,7 @@ def until(condition, timeout_s=20.0):
 @pytest.fixture(scope='module', autouse=True)
 def compiled():
     """Compile what has a deadline here before the clock runs."""
-    warm_up(CONFIG)
+    warm_up_sampling(CONFIG)
     assert warm_up_poses() > 2
 
 

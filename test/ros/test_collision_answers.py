@@ -1,7 +1,6 @@
 """`collision_query` in, `collision_risk` out: the numbers, and every query that has no answer."""
 
 import time
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,7 +13,8 @@ from rclpy.parameter import Parameter
 from std_msgs.msg import Float32MultiArray
 from support.local_ros import Logs, local_node
 
-from ogm_mcmc.geometry import GridSpec, SampleBits
+from ogm_mcmc.engine.worker import RefinedMap
+from ogm_mcmc.geometry import GridMap, GridSpec, SampleBits
 from ogm_mcmc.ros.qos import QUESTIONS
 from ogm_mcmc.ros.refine_server import RefineServer
 
@@ -34,7 +34,9 @@ def way(*places, frame_id='map'):
 
 def result(spec, maps):
     known = np.ones((spec.height, spec.width), bool)
-    return SimpleNamespace(samples=SampleBits.of_maps(spec, maps, known), prior=0.2)
+    mean = GridMap(spec, maps.mean(axis=0, dtype=np.float32))
+    samples = SampleBits.of_maps(spec, maps, known)
+    return RefinedMap(1, mean, 0.2, len(maps), 1, 0, final=True, samples=samples)
 
 
 @pytest.fixture(scope='module')

@@ -31,25 +31,24 @@ def forget_stale_kernels(package: Path = PACKAGE) -> None:
 def compile_methods() -> None:
     """Compile what the mapping methods need."""
     from ogm_mcmc.config import MapperConfig
+    from ogm_mcmc.engine.live_map import warm_up_mapping
     from ogm_mcmc.mapping import METHODS
-    from ogm_mcmc.pipeline import warm_up
 
     for method in METHODS:
-        warm_up(MapperConfig(method=method))
+        warm_up_mapping(MapperConfig(method=method))
     for method in ('two_assumption', 'pose_uncertain', 'counting'):
-        warm_up(MapperConfig(method=method, fusion='per_beam'))
+        warm_up_mapping(MapperConfig(method=method, fusion='per_beam'))
 
 
 def compile_sampler() -> None:
     """Compile what samples maps and poses, of independent cells and of patches."""
     from ogm_mcmc.config import SamplerConfig
     from ogm_mcmc.config.nodes import RefineSamplerConfig
-    from ogm_mcmc.engine.joint_poses import warm_up_poses
-    from ogm_mcmc.engine.refinement import warm_up
+    from ogm_mcmc.engine.warm_up import warm_up_poses, warm_up_sampling
 
     for config in (RefineSamplerConfig(), SamplerConfig()):
-        warm_up(config)
-    warm_up(replace(RefineSamplerConfig(), model=replace(config.model, kind='gaussian')))
+        warm_up_sampling(config)
+    warm_up_sampling(replace(RefineSamplerConfig(), model=replace(config.model, kind='gaussian')))
     warm_up_poses()
 
 

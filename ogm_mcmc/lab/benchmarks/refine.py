@@ -15,10 +15,10 @@ import numpy as np
 
 from ogm_mcmc.config import SamplerConfig, StopConfig, flatten
 from ogm_mcmc.engine.live_map import live_map
-from ogm_mcmc.engine.refinement import Progress, Refinement, warm_up
-from ogm_mcmc.evaluation import beam_log_likelihood
+from ogm_mcmc.engine.refinement import Progress, Refinement
+from ogm_mcmc.engine.warm_up import warm_up_sampling
+from ogm_mcmc.evaluation import ForwardModel, beam_log_likelihood
 from ogm_mcmc.geometry import GridMap, PlacedScan
-from ogm_mcmc.sensors.forward_model import ForwardModel
 from ogm_mcmc.simulation import WORLDS, Lidar, record
 
 __all__ = ['Clock', 'Patience', 'every_other_beam', 'recorded_office', 'time_refining']
@@ -78,7 +78,7 @@ def time_refining(
     placed: Sequence[PlacedScan], config: SamplerConfig, patience: Patience
 ) -> dict[str, Any]:
     """Measure one input: all beams until the chains agree, and even beams judged by odd ones."""
-    warm_up(config)
+    warm_up_sampling(config)
     return {
         **_agreement(placed, config, patience.agreement_s),
         'first_better': _first_better(placed, config, patience.better_s),

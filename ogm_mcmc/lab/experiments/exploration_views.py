@@ -19,10 +19,9 @@ from ogm_mcmc.config import ForwardModelConfig, MapperConfig, WindowConfig
 from ogm_mcmc.config.nodes import RefineSamplerConfig
 from ogm_mcmc.engine.kept_samples import KeptSamples
 from ogm_mcmc.engine.refinement import Refinement
-from ogm_mcmc.evaluation import ReadingChannel, hits_of_map, hits_of_samples
+from ogm_mcmc.evaluation import ForwardModel, ReadingChannel, hits_of_map, hits_of_samples
 from ogm_mcmc.geometry import GridMap, GridSpec, PlacedScan
 from ogm_mcmc.mapping import make_method
-from ogm_mcmc.sensors.forward_model import ForwardModel
 
 __all__ = ['POLICIES', 'Explorer', 'border_map']
 

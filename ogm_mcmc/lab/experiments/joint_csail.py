@@ -19,7 +19,7 @@ import numpy as np
 from ogm_mcmc.arrays import Float64Array
 from ogm_mcmc.config import ForwardModelConfig, MapperConfig, TrajectoryConfig
 from ogm_mcmc.engine.live_map import map_of
-from ogm_mcmc.evaluation import aligned, beam_log_likelihood, confusion_counts
+from ogm_mcmc.evaluation import ForwardModel, aligned, beam_log_likelihood, confusion_counts
 from ogm_mcmc.evaluation.trajectories import absolute_errors
 from ogm_mcmc.geometry import GridMap, PlacedScan
 from ogm_mcmc.lab.experiments.joint_intel import every_other
@@ -27,7 +27,6 @@ from ogm_mcmc.lab.experiments.pose_particles import LOG, Believed, read_log
 from ogm_mcmc.lab.experiments.recordings import data_folder
 from ogm_mcmc.lab.experiments.results import row, save_picture
 from ogm_mcmc.plotting import Series, curves_png
-from ogm_mcmc.sensors.forward_model import ForwardModel
 from ogm_mcmc.trajectory import TrajectoryRefinement
 from ogm_mcmc.trajectory.points import poses_of, xyyaw
 

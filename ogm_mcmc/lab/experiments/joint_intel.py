@@ -30,13 +30,12 @@ from ogm_mcmc.config import (
 )
 from ogm_mcmc.engine.live_map import map_of
 from ogm_mcmc.engine.refinement import Refinement
-from ogm_mcmc.evaluation import beam_log_likelihood
+from ogm_mcmc.evaluation import ForwardModel, beam_log_likelihood
 from ogm_mcmc.evaluation.trajectories import Relations, read_relations, relation_errors
 from ogm_mcmc.geometry import GridMap, PlacedScan, PoseBelief, Scan
 from ogm_mcmc.io.carmen import read_carmen
 from ogm_mcmc.lab.experiments.recordings import as_scan, data_folder
 from ogm_mcmc.lab.experiments.results import row
-from ogm_mcmc.sensors.forward_model import ForwardModel
 from ogm_mcmc.trajectory import TrajectoryRefinement
 from ogm_mcmc.trajectory.points import poses_of, xyyaw
 

@@ -23,6 +23,7 @@ from ogm_mcmc.config.settings import flatten
 from ogm_mcmc.engine.joint_poses import PoseRefinement
 from ogm_mcmc.engine.live_map import map_of
 from ogm_mcmc.evaluation import (
+    ForwardModel,
     HeldOutBeams,
     aligned,
     beam_log_likelihood,
@@ -64,7 +65,6 @@ from ogm_mcmc.lab.experiments.pose_sim import (
     REACH_M,
 )
 from ogm_mcmc.lab.experiments.results import row
-from ogm_mcmc.sensors.forward_model import ForwardModel
 
 __all__ = ['BASE', 'PERCENTS', 'judging_scans', 'run', 'score', 'thinned']
 

@@ -16,13 +16,13 @@ from ogm_mcmc.engine.refinement import Refinement, hide_uncertain
 from ogm_mcmc.errors import WindowError
 from ogm_mcmc.evaluation import (
     CastBeams,
+    ForwardModel,
     LikelihoodField,
     ProbabilityBeams,
     SampleBeams,
 )
 from ogm_mcmc.evaluation.scan_fit import NAV2
 from ogm_mcmc.geometry import GridMap, PlacedScan, SampleBits
-from ogm_mcmc.sensors.forward_model import ForwardModel
 from ogm_mcmc.simulation import ScanFit
 
 __all__ = [

@@ -16,7 +16,8 @@ from ogm_mcmc.config import (
 )
 from ogm_mcmc.config.nodes import NodeWindowConfig, RefineSamplerConfig
 from ogm_mcmc.engine.live_map import map_of
-from ogm_mcmc.engine.refinement import Refinement, warm_up
+from ogm_mcmc.engine.refinement import Refinement
+from ogm_mcmc.engine.warm_up import warm_up_sampling
 from ogm_mcmc.geometry import GridMap, PlacedScan
 from ogm_mcmc.lab.memory import PROC, memory_mb
 
@@ -114,7 +115,7 @@ def _sampler(patch: PatchConfig) -> Mapper:
             chain=replace(defaults.chain, chains=CHAINS, burn_in=BURN_IN, seed=seed),
             patch=patch,
         )
-        warm_up(config)
+        warm_up_sampling(config)
         watch = Resources()
         refinement = Refinement(config)
         refinement.take(scans)

@@ -18,6 +18,7 @@ from ogm_mcmc.arrays import BoolArray
 from ogm_mcmc.config import ForwardModelConfig, flatten
 from ogm_mcmc.engine.prior_files import default_prior_file
 from ogm_mcmc.evaluation import (
+    ForwardModel,
     beam_log_likelihood,
     confusion_counts,
     log_likelihood_of_samples,
@@ -51,7 +52,6 @@ from ogm_mcmc.lab.experiments.patch_hardware_page import (
 from ogm_mcmc.lab.experiments.results import picture_text, row, save_part_pictures, save_picture
 from ogm_mcmc.lab.experiments.unseen_space import STARTS, unseen
 from ogm_mcmc.plotting import probability_png
-from ogm_mcmc.sensors.forward_model import ForwardModel
 
 __all__ = ['SETS', 'run_intel', 'run_stata', 'score']
 
