@@ -138,11 +138,7 @@ def read_figures(options: argparse.Namespace, held: Held) -> dict[str, Any]:
     bag, beams = held.bag, held.beams
     return {
         'bag': str(options.bag),
-        'scan_topic': bag.topics.scan_names,
-        'pose_topic': bag.topics.pose_name,
-        'pose_source': bag.topics.pose_source,
-        'poses': str(bag.topics.poses),
-        'scans': bag.topics.n_scans,
+        **bag.topics.as_dict(),
         'dropped': bag.dropped,
         'scans_used': len(beams.placed),
         'left_out': beams.left_out,

@@ -76,11 +76,7 @@ def run(options: argparse.Namespace) -> int:
         files['points'] = points_file(options.name)
     result: dict[str, Any] = {
         'bag': str(options.bag),
-        'scan_topic': topics.scan_names,
-        'pose_topic': topics.pose_name,
-        'pose_source': topics.pose_source,
-        'poses': str(topics.poses),
-        'scans': topics.n_scans,
+        **topics.as_dict(),
         'scans_used': pipeline.scans_used,
         'dropped': dict(scans.placer.dropped),
         **({'refused': off_map} if off_map else {}),

@@ -290,15 +290,7 @@ def _draw(
 
 
 def _read(options: argparse.Namespace, bag: BagScans) -> dict[str, Any]:
-    return {
-        'bag': str(options.bag),
-        'scan_topic': bag.topics.scan_names,
-        'pose_topic': bag.topics.pose_name,
-        'pose_source': bag.topics.pose_source,
-        'poses': str(bag.topics.poses),
-        'scans': bag.topics.n_scans,
-        'dropped': bag.dropped,
-    }
+    return {'bag': str(options.bag), **bag.topics.as_dict(), 'dropped': bag.dropped}
 
 
 def _sampled(

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -110,6 +110,16 @@ class StreamTopics(NamedTuple):
     def n_scans(self) -> int:
         """Number of readings on them."""
         return sum(topic.n_messages for topic in self.scans)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return what was chosen, for files of results."""
+        return {
+            'scan_topic': self.scan_names,
+            'pose_topic': self.pose_name,
+            'pose_source': self.pose_source,
+            'poses': str(self.poses),
+            'scans': self.n_scans,
+        }
 
 
 def choose_topics(bag: BagReader, choice: StreamChoice) -> StreamTopics:
