@@ -76,6 +76,7 @@ def _looked_into(bag_path: Path, options: argparse.Namespace) -> DemoInput:
     )
     with BagReader(bag_path) as bag:
         topics = choose_topics(bag, replace(choice, sensor='scan'))
+        topics.require_stamps(bag_path)
         scans = PlacedScans(bag, topics, choice, tell=say)
         for line in topics.remarks:
             say(line)

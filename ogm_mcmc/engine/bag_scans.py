@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from ogm_mcmc.engine.bag_topics import StreamChoice, StreamTopics, choose_topics
 from ogm_mcmc.engine.mounts import MountFound, Mounts
@@ -51,6 +53,9 @@ class PlacedScans:
     mounts: dict[str, MountFound] = field(default_factory=dict, init=False)
     first_fault: str = field(default='', init=False)
     _said: set[str] = field(default_factory=set, init=False)
+    _hit: bool = field(default=False, init=False)
+    _informed: bool = field(default=False, init=False)
+    _last: Scan | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
         """Prepare the source of poses and that of mounts."""
@@ -118,6 +123,24 @@ class PlacedScans:
                 + (f'; the first fault: {self.first_fault}' if self.first_fault else '')
             )
 
+        self._tell_of_nothing()
+
+    def _tell_of_nothing(self) -> None:
+        """Say so where no beam of any scan met something."""
+        if self._hit or self._last is None:
+            return
+        scan = self._last
+        limits = f'range_min {scan.range_min_m:g} to range_max {scan.range_max_m:g} m'
+        if self._informed:
+            self.tell(f'nothing was hit: every range is inf, or not from {limits}')
+            return
+        finite = scan.ranges_m[np.isfinite(scan.ranges_m)]
+        found = f'from {finite.min():g} to {finite.max():g}' if finite.size else 'not finite'
+        self.tell(
+            f'nothing was measured: no range is from {limits}, or inf; those of the last scan are '
+            + found
+        )
+
     def robot_poses(self) -> PoseSource:
         """Return all poses of the robot there are, whatever the scans."""
         source = self.placer.source
@@ -139,8 +162,12 @@ class PlacedScans:
     def _scan(self, record: BagRecord) -> Scan:
         message = self.bag.decode(record)
         if self.choice.sensor == 'range':
-            return messages.read_range(message)
-        return messages.read_scan(message, lambda text: self._once(f'{record.topic}: {text}'))
+            scan = messages.read_range(message)
+        else:
+            scan = messages.read_scan(message, lambda text: self._once(f'{record.topic}: {text}'))
+        if record.topic in self.topics.unstamped:
+            scan = replace(scan, stamp_ns=record.time_ns)
+        return scan
 
     def _take_pose(self, record: BagRecord) -> None:
         message: Any = self.bag.decode(record)
@@ -152,11 +179,16 @@ class PlacedScans:
             belief = messages.read_particles(message)
         else:
             belief = messages.read_pose(message, with_covariance=self.choice.beliefs)
-        self.placer.add_pose(messages.stamp_of(message), belief)
+        unstamped = record.topic in self.topics.unstamped
+        self.placer.add_pose(record.time_ns if unstamped else messages.stamp_of(message), belief)
 
     def _on_robot(self, taken: RobotScan) -> PlacedScan:
         self.placed += 1
         self.frames.add(taken.scan.frame_id)
+        if not self._hit:
+            self._hit = bool(taken.scan.measured().any())
+            self._informed = self._informed or taken.scan.n_informative() > 0
+            self._last = taken.scan
         return taken.on_mount()
 
     def _told_of_mount(self, found: MountFound) -> None:

@@ -25,7 +25,8 @@ class SeenTopic(NamedTuple):
 
     `frames`: all of them, the most frequent first, `middle_ns` the stamp of one message of each
     from the middle. `child_frame`: of the first message, where
-    its type has one, or as the bag notes.
+    its type has one, or as the bag notes. `unstamped`: all stamps are 0 in the messages; those
+    here are the times at which they were recorded.
     """
 
     topic: BagTopic
@@ -33,6 +34,7 @@ class SeenTopic(NamedTuple):
     stamps: Int64Array
     middle_ns: tuple[int, ...] = ()
     child_frame: str = ''
+    unstamped: bool = False
 
     @property
     def frame(self) -> str:
@@ -53,6 +55,8 @@ def survey(bag: BagReader, headed: Iterable[BagTopic], tf: Iterable[BagTopic]) -
     known = {topic.name: topic for topic in headed}
     tf_names = {topic.name for topic in tf}
     stamps: dict[str, dict[str, array[int]]] = {name: {} for name in known}
+    recorded: dict[str, dict[str, array[int]]] = {name: {} for name in known}
+    stamped: set[str] = set()
     children: dict[str, str] = {}
     tree = TransformTree()
     faults: list[str] = []
@@ -67,6 +71,10 @@ def survey(bag: BagReader, headed: Iterable[BagTopic], tf: Iterable[BagTopic]) -
         if header is None:
             continue
         stamps[record.topic].setdefault(header.frame, array('q')).append(header.stamp_ns)
+        if header.stamp_ns:
+            stamped.add(record.topic)
+        elif record.topic not in stamped:
+            recorded[record.topic].setdefault(header.frame, array('q')).append(record.time_ns)
         if record.topic not in children:
             children[record.topic] = _child_frame(bag, record)
     seen = {
@@ -74,6 +82,10 @@ def survey(bag: BagReader, headed: Iterable[BagTopic], tf: Iterable[BagTopic]) -
         for name, by_frame in stamps.items()
         if by_frame
     }
+    for name, by_frame in recorded.items():
+        if name not in stamped and sum(map(len, by_frame.values())) > 1:
+            again = _seen(known[name], by_frame, children[name])
+            seen[name] = again._replace(unstamped=True)
     return BagSurvey(seen, tree, faults)
 
 

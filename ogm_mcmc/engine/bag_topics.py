@@ -82,7 +82,8 @@ class StreamTopics(NamedTuple):
 
     `pose_source` is one of `POSE_SOURCES` or `trajectory`, `pose_name` the topic, tf or the name
     of the file. Poses are those of `base_frame` in `map_frame`. `remarks`: lines for the user.
-    `sensors`: frame of each, and a stamp of one of its scans.
+    `sensors`: frame of each, and a stamp of one of its scans. `unstamped`: topics whose messages
+    count by the times they were recorded at, for want of a stamp.
     """
 
     scans: tuple[BagTopic, ...]
@@ -94,6 +95,7 @@ class StreamTopics(NamedTuple):
     trajectory: Trajectory | None = None
     remarks: tuple[str, ...] = ()
     sensors: tuple[tuple[str, int], ...] = ()
+    unstamped: frozenset[str] = frozenset()
 
     @property
     def pose_name(self) -> str:
@@ -105,6 +107,15 @@ class StreamTopics(NamedTuple):
     def scan_names(self) -> str:
         """All topics with readings, for people and files."""
         return ','.join(topic.name for topic in self.scans)
+
+    def require_stamps(self, path: Path) -> None:
+        """Refuse what nodes cannot place: they see no times of recording. Raises BagError."""
+        if self.unstamped:
+            raise BagError(
+                f'{path}: stamps on {", ".join(sorted(self.unstamped))} are all 0: expected those '
+                'of the measurements, by which nodes place scans (`map` takes the times of '
+                'recording)'
+            )
 
     @property
     def n_scans(self) -> int:
@@ -177,6 +188,12 @@ def _with_poses(
     remarks.append(str(poses))
     if rare := poses.rarely():
         remarks.append(rare)
+    used = {source.name, *(topic.topic.name for topic in scans)}
+    unstamped = sorted(n for n, one in seen.topics.items() if one.unstamped and n in used)
+    if unstamped:
+        remarks.append(
+            f'stamps on {", ".join(unstamped)} are all 0: the times of recording are taken'
+        )
     return StreamTopics(
         tuple(topic.topic for topic in scans),
         poses,
@@ -187,6 +204,7 @@ def _with_poses(
         trajectory,
         tuple(remarks),
         tuple(sensor for one in scans for sensor in zip(one.frames, one.middle_ns, strict=True)),
+        frozenset(unstamped),
     )
 
 
@@ -312,6 +330,12 @@ def _source_of(one: PoseCandidate) -> str:
     return next(name for name, kinds in POSE_SOURCES.items() if one.kind in (name, *kinds))
 
 
+def _how_to_take(one: PoseCandidate, choice: StreamChoice) -> str:
+    if one.kind == TF and choice.pose_source in ('auto', TF):
+        return f'tf {one.frame} -> {one.child_frame} (--map-frame {one.frame})'
+    return f'{one.name} (--pose-source {_source_of(one)})'
+
+
 def _posed_frame(tree: TransformTree, source: PoseCandidate, sensor: str, base: str) -> str:
     """Return the frame that poses are of: the child they name, where tf knows it."""
     child = source.child_frame
@@ -333,14 +357,19 @@ def _no_poses(
     line = f'{bag.path}: no poses in it: expected {expected}'
     line += ' or tf' if choice.pose_source == 'auto' else ''
     if tree.frames() and choice.pose_source in ('auto', TF):
-        if scan.frame in tree.frames():
+        named = {'map_frame': choice.map_frame, 'base_frame': choice.base_frame}
+        missing = [name for name, frame in named.items() if frame and frame not in tree.frames()]
+        if missing:
+            frames = ' and '.join(f'{named[name]!r} ({name})' for name in missing)
+            line += f'; frame {frames} is not in its transforms ({tree})'
+        elif scan.frame in tree.frames():
             line += f'; nothing moves above frame {scan.frame!r} in its transforms ({tree})'
         else:
             line += (
                 f'; frame {scan.frame!r} of {scan.topic.name} is not in its transforms ({tree})'
             )
     if candidates:
-        there = {f'{one.name} (--pose-source {_source_of(one)})' for one in candidates}
+        there = {_how_to_take(one, choice) for one in candidates}
         return f'{line}; there are {", ".join(sorted(there))}'
     held = ', '.join(f'{topic.name} ({topic.msgtype})' for topic in bag.topics())
     return f'{line}; it holds {held}'

@@ -45,6 +45,7 @@ PATIENCE = 10.0
 
 DROP_REASONS = {
     'scan_out_of_order': 'it is older than the scan before it, or the same scan again',
+    'scan_unstamped': 'its stamp is 0, as that of the scan before it',
     'scan_jumped_back': 'its stamp is more than 1 s before the scan before it, or again and again',
     'pose_out_of_order': 'the pose is not later than the pose before it',
     'pose_jumped_back': 'the pose goes back more than 1 s, or again and again; history restarted',
@@ -170,6 +171,9 @@ class ScanPlacer:
     def add_scan(self, scan: Scan, now_s: float = 0.0) -> None:
         """Queue a scan; `now_s` is the time of arrival on any steady clock."""
         last = self._last_stamp_ns.get(scan.frame_id)
+        if last == scan.stamp_ns == 0:
+            self.drop('scan_unstamped', scan)
+            return
         if last is not None and (scan.stamp_ns < last or _same(scan, self._newest)):
             in_a_row = self._late.get(scan.frame_id, 0) + (scan.stamp_ns < last)
             self._late[scan.frame_id] = in_a_row
@@ -307,6 +311,7 @@ def _same(scan: Scan, before: Scan | None) -> bool:
     return (
         before is not None
         and (scan.stamp_ns, scan.frame_id) == (before.stamp_ns, before.frame_id)
+        and scan.angle_min_rad == before.angle_min_rad
         and np.array_equal(scan.ranges_m, before.ranges_m, equal_nan=True)
     )
 

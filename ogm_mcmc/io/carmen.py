@@ -97,11 +97,20 @@ def read_carmen(path: Path, field_of_view_rad: float = 0.0) -> CarmenLog:
 
 
 def _lines(stream: BinaryIO) -> Iterator[bytes]:
-    """Yield the lines; of one that is too long the beginning, one byte more than there may be."""
-    while line := stream.readline(LONGEST_LINE + 1):
-        yield line
-        while len(line) > LONGEST_LINE and not line.endswith(b'\n'):
-            line = stream.readline(LONGEST_LINE + 1)
+    """Yield the lines, whatever ends them; of one that is too long only the beginning."""
+    rest = b''
+    while piece := stream.readline(LONGEST_LINE + 1):
+        *whole, last = (rest + piece).splitlines(keepends=True)
+        yield from whole
+        too_long = len(piece) > LONGEST_LINE and not piece.endswith(b'\n')
+        rest = last if too_long and whole else b''
+        if rest:
+            continue  # lines that end in a carriage return alone
+        yield last
+        while too_long and len(piece) > LONGEST_LINE and not piece.endswith(b'\n'):
+            piece = stream.readline(LONGEST_LINE + 1)
+    if rest:
+        yield rest
 
 
 class _LineReader:
@@ -126,7 +135,7 @@ class _LineReader:
             if len(raw) > LONGEST_LINE:
                 raise fault(number, 'the line', f'at most {LONGEST_LINE} bytes')
             self.line(number, words)
-            if not raw.endswith(b'\n'):
+            if not raw.endswith((b'\n', b'\r')):
                 self.check_end(number, words[0], n_records)
         except LogError as error:
             self.leave_out(words[0], str(error))

@@ -19,6 +19,9 @@ __all__ = ['Code', 'LaserRange', 'laser_range', 'recognised_codes']
 
 DEFAULT_REACH_M = 80.0  # of a SICK LMS
 
+# A code beyond what any planar laser reaches tells nothing of the reach.
+FURTHEST_REACH_M = 500.0
+
 # What tells a code from a wall, see `recognised_codes`.
 SAME_CODE = 0.002  # share of the value
 AT_LEAST = 10  # readings, and other values to compare with
@@ -62,8 +65,8 @@ def laser_range(
     chosen_m: readings from here on are codes and no others; 0: find out. Otherwise these are
     the counts that a SICK has for it; readings from the maximum range on that the lines name;
     readings of exactly `parameter_m`, the log's PARAM (0: none), where nothing lies beyond; and
-    what `recognised_codes` finds. The reach is the least that they imply, 80 m without any, and
-    never less than the farthest hit.
+    what `recognised_codes` finds. The reach is the least that they imply up to 500 m, 80 m without
+    any, and never less than the farthest hit.
     """
     readings = np.concatenate([scan.ranges_m for scan in scans])
     readings = readings[np.isfinite(readings) & (readings > 0.0)]
@@ -80,7 +83,8 @@ def laser_range(
             codes.append(Code('named in the log', parameter_m, parameter_m, parameter_m))
         codes.extend(recognised_codes(scans, codes))
     hits = readings[~_are_codes(readings, codes)]
-    reach = min((code.reach_m for code in codes), default=DEFAULT_REACH_M)
+    told = [code.reach_m for code in codes if code.reach_m <= FURTHEST_REACH_M]
+    reach = min(told, default=DEFAULT_REACH_M)
     return LaserRange(codes, max(reach, float(hits.max(initial=0.0))))
 
 

@@ -106,6 +106,7 @@ def computed_poses(
     )
     try:
         topics = choose_topics(bag, choice)
+        topics.require_stamps(bag.path)
     except BagError:
         if asked:
             raise

@@ -257,6 +257,47 @@ def test_poses_that_come_rarely(choose, scans, make_pose):
     assert said[1].startswith('poses on /amcl_pose come every 0.7 s: ')
 
 
+def test_stamps_that_are_all_0(choose, make_scan, make_pose):
+    """A driver that sets none: what was recorded when is known all the same."""
+    records = []
+    for k, time in enumerate(STAMPS):
+        records.append(('/pose', time, make_pose(0, x=float(k))))
+        records.append(('/scan', time, make_scan(0, ranges=[k + 1.0] * 5)))
+    topics, placed, said = choose(records, max_speed_m_s=100.0)
+    assert [scan.pose.x_m for scan in placed] == [0, 1, 2, 3, 4, 5, 6, 7]
+    assert [scan.scan.stamp_ns for scan in placed] == STAMPS
+    assert topics.unstamped == {'/pose', '/scan'}
+    assert 'stamps on /pose, /scan are all 0: the times of recording are taken' in said
+    with pytest.raises(BagError, match='stamps on /pose, /scan are all 0: expected those'):
+        topics.require_stamps('bag')
+
+
+def test_first_stamps_of_0_stay_what_they_are(choose, scans, make_scan):
+    """A simulation whose clock had not begun: other stamps are known."""
+    records = [('/scan', 5, make_scan(0)), *scans(), *odometry()]
+    topics, placed, _ = choose(records)
+    assert (len(placed), topics.unstamped) == (len(STAMPS), frozenset())
+    topics.require_stamps('bag')
+
+
+def test_a_frame_that_was_asked_for_and_is_not_there(choose, scans):
+    records = [*scans(), *tf(), static('laser', 0.2, 0.0, 0.0)]
+    expected = r"frame 'world' \(map_frame\) is not in its transforms \(map > odom > base_link.*"
+    with pytest.raises(BagError, match=expected + r'tf map -> base_link \(--map-frame map\)'):
+        choose(records, pose_source='tf', map_frame='world')
+
+
+def test_nothing_measured_is_said(choose, scans):
+    """Millimetres in place of metres; a lidar that sees nothing."""
+    _, placed, said = choose([*scans(ranges=[1500.0, 8000.0]), *odometry()])
+    assert len(placed) == len(STAMPS)
+    assert 'nothing was measured: no range is from' in said[-1]
+    assert 'those of the last scan are from 1500 to 8000' in said[-1]
+    assert 'not finite' in choose([*scans(ranges=[np.nan] * 5), *odometry()])[2][-1]
+    assert 'nothing was hit' in choose([*scans(ranges=[np.inf] * 5), *odometry()])[2][-1]
+    assert 'nothing was' not in str(choose([*scans(), *odometry()])[2])
+
+
 def test_a_trajectory_in_place_of_the_poses_of_the_bag(choose, scans, tmp_path):
     path = tmp_path / 'poses.tum'
     path.write_text('20.0 1 2 0 0 0 0 1\n20.7 1 9 0 0 0 0 1\n')

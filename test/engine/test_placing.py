@@ -167,6 +167,23 @@ def test_several_scans_of_one_stamp_are_all_used():
     assert dropped == []
 
 
+def test_parts_of_a_sweep_that_read_alike_are_all_used():
+    """A robot in the middle of a round room, each quarter a message of its own."""
+    placer, dropped = placer_with((0.5, belief()), (3.0, belief()), max_gap_s=9.0)
+    for angle in (0.0, 1.5, 3.0):
+        placer.add_scan(replace(scan(2.0), angle_min_rad=angle))
+    assert [stamp for stamp, _ in placed(placer)] == [2.0] * 3
+    assert dropped == []
+
+
+def test_scans_without_a_stamp_do_not_all_lie_at_the_first_pose():
+    placer, dropped = placer_with((0.0, belief(3.0)))
+    for reading in (1.0, 2.0, 3.0):
+        placer.add_scan(replace(scan(0.0), ranges_m=np.array([reading], np.float32)))
+    assert placed(placer) == [(0.0, 3.0)]  # time may begin at 0
+    assert [reason for reason, _ in dropped] == ['scan_unstamped'] * 2
+
+
 @pytest.mark.parametrize('stamp', [2.0, 1.9, 1.0])
 def test_a_repeated_or_late_scan_is_dropped(stamp):
     placer, dropped = placer_with((0.5, belief()), (3.0, belief()), max_gap_s=9.0)

@@ -181,6 +181,18 @@ def test_a_last_line_that_is_cut_costs_that_line(write_log, kept):
     assert log.first_damage.startswith('line 4: FLASER line ends too early')
 
 
+@pytest.mark.parametrize('end', ['\n', '\r\n', '\r'])
+@pytest.mark.parametrize('longest', [4_000_000, 2000])
+def test_any_line_ends(write_log, monkeypatch, end, longest):
+    monkeypatch.setattr('ogm_mcmc.io.carmen.LONGEST_LINE', longest)
+    path = write_log(FLASER)
+    lines = [FLASER, ODOM, *[FLASER.replace(' 12.5 ', f' {20 + k} ') for k in range(9)], ODOM]
+    path.write_bytes((end.join(lines) + end).encode())
+    log = read_carmen(path)
+    assert [scan.time_s for scan in log.scans] == [12.5, *range(20, 29)]
+    assert (len(log.records), log.damaged) == (12, 0)
+
+
 @pytest.mark.parametrize(('time', 'n_scans'), [('12', 1), ('12.5', 2), ('12.5 host 1', 2)])
 def test_a_last_time_that_lost_digits(write_log, time, n_scans):
     """`12` may be the rest of `12.75`: it would go before all others. Whole, it is a scan."""

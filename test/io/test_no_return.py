@@ -239,3 +239,11 @@ def test_two_lasers_with_codes_of_their_own(first_scans, laser_line):
     assert scans['/scan'].range_max == 50.0
     assert scans['/scan_rear'].ranges[0] == math.inf
     assert scans['/scan_rear'].ranges[1] == 50.0
+
+
+@pytest.mark.parametrize(('code', 'reach'), [(300.0, 300.0), (120.0, 120.0), (1e6, 80.0)])
+def test_a_code_that_no_laser_reaches_tells_nothing_of_the_reach(code, reach):
+    rng = np.random.default_rng(2)
+    found = laser_range(drive(5, lambda _: with_codes(rng, [code])))
+    assert found.range_max_m == pytest.approx(reach)
+    assert found.missing(np.array([code])).all()
