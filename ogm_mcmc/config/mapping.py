@@ -145,6 +145,21 @@ class PoseUncertainConfig:
         choices=('quasi', 'random'),
         live=True,
     )
+    map_beams: float = setting(
+        0.0,
+        'above 0: the poses are weighed by how well the scan fits the map so far; as many of its '
+        'beams count as independent; 0: weights are those of the localizer',
+        low=0.0,
+        high=60.0,
+        live=True,
+    )
+    map_sigma: float = setting(
+        0.1,
+        'standard deviation of a range against the map so far, m; poses and cells included',
+        low=0.001,
+        high=10.0,
+        live=True,
+    )
     seed: int = setting(1, 'seed of the draws', low=0, high=2**31 - 1)
 
 

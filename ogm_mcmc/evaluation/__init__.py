@@ -52,15 +52,9 @@ from ogm_mcmc.evaluation.held_out_points import (
 )
 from ogm_mcmc.evaluation.information import expected_information_gain
 from ogm_mcmc.evaluation.masks import MASKS, cells_that_count, near
-from ogm_mcmc.evaluation.scan_fit import (
-    AmclNumbers,
-    CastBeams,
-    LikelihoodField,
-    ProbabilityBeams,
-    SampleBeams,
-)
+from ogm_mcmc.evaluation.scan_fit import AmclNumbers, CastBeams, LikelihoodField, SampleBeams
 from ogm_mcmc.evaluation.views import ReadingChannel, hits_of_map, hits_of_samples
-from ogm_mcmc.sensors.forward_model import ForwardModel
+from ogm_mcmc.sensors import ForwardModel, ProbabilityBeams
 
 __all__ = [
     'LEAVING',

@@ -6,24 +6,13 @@ is the probability that nothing is hit.
 
 import math
 
-import numpy as np
 from numba import njit
 
 from ogm_mcmc.geometry.walk_kernels import begin_walk, next_cell
+from ogm_mcmc.sensors.probability_beams_kernels import occupied_at
 
 # No cell can take more than what is left, so later ones matter less than rounding.
 NOTHING_LEFT = 1e-15
-
-
-@njit(cache=True, nogil=True)
-def occupied_at(probability, prior, column, row):
-    """Probability of a cell of (height, width) float32; `prior` where that is nan, and outside."""
-    height, width = probability.shape
-    if 0 <= column < width and 0 <= row < height:
-        known = np.float64(probability[row, column])
-        if known == known:
-            return known
-    return np.float64(prior)
 
 
 @njit(cache=True, nogil=True)

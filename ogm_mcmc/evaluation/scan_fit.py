@@ -1,6 +1,6 @@
 """How well a scan fits at many poses in a map: what a localizer can do with what a map offers.
 
-Four readers of maps, each a `ScanFit` of `ParticleFilter`:
+Readers of maps, each a `ScanFit` of `ParticleFilter` (`ProbabilityBeams` is in `sensors`):
 
 ========================  =================================================================
 `LikelihoodField`         three values; how far each beam's end is from a wall
@@ -30,17 +30,13 @@ import numpy as np
 from ogm_mcmc.arrays import Float32Array, Float64Array, UInt8Array
 from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.evaluation.distance import distance_to
-from ogm_mcmc.evaluation.scan_fit_kernels import (
-    cast_fits,
-    field_fits,
-    probability_fits,
-    sample_fits,
-)
+from ogm_mcmc.evaluation.scan_fit_kernels import cast_fits, field_fits, sample_fits
 from ogm_mcmc.geometry import GridMap
 from ogm_mcmc.geometry.sample_bits import WORD, SampleBits
 from ogm_mcmc.sensors.forward_model import ForwardModel
+from ogm_mcmc.sensors.probability_beams import check_mixture, per_metre
 
-__all__ = ['AmclNumbers', 'CastBeams', 'LikelihoodField', 'ProbabilityBeams', 'SampleBeams']
+__all__ = ['AmclNumbers', 'CastBeams', 'LikelihoodField', 'SampleBeams']
 
 
 class AmclNumbers(NamedTuple):
@@ -144,45 +140,6 @@ class CastBeams:
 
 
 @dataclass(frozen=True)
-class ProbabilityBeams:
-    """First-hit mixture of independent cells: what `beam_log_likelihood` says, at many poses.
-
-    Cells that are unknown or lie outside are occupied with probability `prior`.
-    """
-
-    grid_map: GridMap
-    model: ForwardModel
-    prior: float
-
-    def __post_init__(self) -> None:
-        """Refuse models with another mixture."""
-        _check(self.model)
-
-    def log_likelihoods(
-        self, poses: Float64Array, bearings: Float64Array, ranges: Float64Array, reach: float
-    ) -> Float64Array:
-        """Sums over beams (M,), nats, see `ScanFit`."""
-        spec, m = self.grid_map.spec, self.model
-        cells = 1.0 / spec.resolution_m
-        log_p = np.empty(len(poses))
-        probability_fits(
-            np.require(self.grid_map.probability, np.float32, ('C', 'W')),
-            self.prior,
-            spec.in_cells(poses),
-            bearings,
-            ranges * cells,
-            reach * cells,
-            m.depth,
-            m.hit,
-            m.clutter,
-            m.missing,
-            m.sigma_m * cells,
-            log_p,
-        )
-        return log_p + _per_metre(ranges, reach, cells)
-
-
-@dataclass(frozen=True)
 class SampleBeams:
     """First-hit mixture over maps drawn from the posterior, 64 at most.
 
@@ -198,7 +155,7 @@ class SampleBeams:
 
     def __post_init__(self) -> None:
         """Refuse models with another mixture, and more samples than a word has bits."""
-        _check(self.model)
+        check_mixture(self.model)
         if not 1 <= self.bits.draws <= WORD:
             raise ConfigError(f'{self.bits.draws} map samples: expected 1 to {WORD}')
 
@@ -228,14 +185,4 @@ class SampleBeams:
             log_p,
         )
         power = self.power if self.jointly else 1.0
-        return log_p + power * _per_metre(ranges, reach, cells)
-
-
-def _check(model: ForwardModel) -> None:
-    if model.is_gaussian or model.short > 0.0:
-        raise ConfigError('model: expected `beam` without short returns')
-
-
-def _per_metre(ranges: Float64Array, reach: float, cells_per_m: float) -> float:
-    """Return what makes densities per cell such per metre; no return has a probability."""
-    return float(np.count_nonzero(ranges <= reach)) * float(np.log(cells_per_m))
+        return log_p + power * per_metre(ranges, reach, cells)

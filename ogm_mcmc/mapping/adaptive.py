@@ -13,6 +13,7 @@ from ogm_mcmc.errors import require
 from ogm_mcmc.geometry import CellBox, GridSpec, PlacedScan, PoseSamples
 from ogm_mcmc.geometry.rays import SampledRays, cast_sampled_rays, usable_range
 from ogm_mcmc.mapping.extras import Extras
+from ogm_mcmc.mapping.map_weights import weighted_by_map
 from ogm_mcmc.mapping.pose_samples import pose_samples
 from ogm_mcmc.mapping.quadtree import Quadtree, TreeStatistics
 from ogm_mcmc.mapping.quadtree_arrays import PlacedBeams, Trail
@@ -135,6 +136,7 @@ class AdaptiveMapper:
         """Add one scan; see `MappingMethod.update`."""
         scan = placed.scan
         samples = pose_samples(placed, self.config.pose_uncertain, self._rng)
+        samples = weighted_by_map(samples, scan, self, self.config)
         rays = cast_sampled_rays(
             scan,
             samples.poses,

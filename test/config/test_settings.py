@@ -98,6 +98,8 @@ def test_defaults_are_what_users_were_told():
         'pose_uncertain.samples': 100,
         'pose_uncertain.accuracy': 0.0,
         'pose_uncertain.negligible': 0.001,
+        'pose_uncertain.map_beams': 0.0,
+        'pose_uncertain.map_sigma': 0.1,
         'pose_uncertain.max_particles': 200,
         'pose_uncertain.draw': 'quasi',
         'pose_uncertain.seed': 1,

@@ -11,13 +11,12 @@ from ogm_mcmc.evaluation import (
     AmclNumbers,
     CastBeams,
     LikelihoodField,
-    ProbabilityBeams,
     SampleBeams,
     beam_log_likelihood,
     log_likelihood_of_samples,
 )
 from ogm_mcmc.geometry import GridMap, GridSpec, PlacedScan, Pose2D, SampleBits, Scan
-from ogm_mcmc.sensors.forward_model import ForwardModel
+from ogm_mcmc.sensors import ForwardModel, ProbabilityBeams
 
 NAN = math.nan
 SPEC = GridSpec(0.5, 6, 3, anchor_x_m=-1.0, anchor_y_m=2.0)

@@ -8,12 +8,12 @@ import pytest
 
 from ogm_mcmc.config import ForwardModelConfig
 from ogm_mcmc.errors import ConfigError
-from ogm_mcmc.evaluation import LikelihoodField, ProbabilityBeams
+from ogm_mcmc.evaluation import LikelihoodField
 from ogm_mcmc.geometry import GridMap, GridSpec, Pose2D
 from ogm_mcmc.lab.experiments import joint_intel, localization, localization_logs
 from ogm_mcmc.lab.experiments.localization_logs import Log, log_of
 from ogm_mcmc.lab.experiments.localization_maps import READERS, some_beams
-from ogm_mcmc.sensors.forward_model import ForwardModel
+from ogm_mcmc.sensors import ForwardModel, ProbabilityBeams
 from ogm_mcmc.simulation import GridWorld, Lidar, OdometryNoise
 from ogm_mcmc.trajectory.points import poses_of
 
