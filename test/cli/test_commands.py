@@ -273,7 +273,8 @@ def test_a_stop_in_the_middle_leaves_the_old_map_or_the_new_one(office_bag, tmp_
         time.sleep(delay_s)
         process.send_signal(how)
         _, errors = process.communicate(timeout=60)
-        if process.returncode >= 0:  # else it was still the interpreter that started
+        # Until our code runs the interpreter says so itself: ended by the signal, or code 1.
+        if process.returncode >= 0 and 'init_import_site' not in errors:
             assert process.returncode in (0, 130, 143)
             assert 'Traceback' not in errors
         assert sorted(path.name for path in folder.iterdir()) == names
