@@ -33,6 +33,7 @@ def described(monkeypatch, path):
     kinds = {
         'launch': ['LaunchDescription'],
         'launch.actions': ['DeclareLaunchArgument'],
+        'launch.conditions': ['UnlessCondition'],
         'launch.substitutions': ['LaunchConfiguration', 'PathJoinSubstitution'],
         'launch_ros': [],
         'launch_ros.actions': ['Node'],
@@ -89,7 +90,12 @@ def test_every_argument_reaches_the_node(monkeypatch, repository, name):
 def test_under_nav2_a_lifecycle_manager_starts_the_mapper(monkeypatch, repository):
     path = repository / 'config' / 'launch' / 'nav2.launch.py'
     _, (node, manager) = described(monkeypatch, path)
-    assert node.parameters[1]['autostart'] is False
+    # A manager does not notice a node that comes again: then it is the node that sees to itself.
+    assert asked(node.parameters[1]['autostart']) == {'respawn'}
+    assert (manager.condition.kind, *map(asked, manager.condition.args)) == (
+        'UnlessCondition',
+        {'respawn'},
+    )
     assert node.parameters[1]['pose_source'] == 'tf'
     assert manager.package == 'nav2_lifecycle_manager'
     (given,) = manager.parameters

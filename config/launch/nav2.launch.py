@@ -1,7 +1,12 @@
-"""online_mapper in place of map_server: poses from tf, started by Nav2's lifecycle manager."""
+"""online_mapper in place of map_server: poses from tf, started by Nav2's lifecycle manager.
+
+Without a bond that manager does not notice a node that comes again, and would leave it
+unconfigured: with `respawn:=true` the mapper starts itself, every time, and no manager is started.
+"""
 
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
+from launch.conditions import UnlessCondition
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
 from launch_ros.substitutions import FindPackageShare
@@ -14,7 +19,7 @@ ARGUMENTS = (
     ('params_file', PARAMETERS, 'parameters of online_mapper'),
     ('use_sim_time', 'false', 'follow /clock'),
     ('log_level', 'info', 'debug, info, warn, error or fatal'),
-    ('respawn', 'false', 'start again when it ends by itself'),
+    ('respawn', 'false', 'start again when it ends by itself; without a lifecycle manager'),
     ('scan_topic', 'scan', 'LaserScan'),
     ('map_topic', 'map', 'the map that goes out'),
     ('tf_topic', '/tf', 'transforms'),
@@ -23,7 +28,7 @@ ARGUMENTS = (
 
 GIVEN = {
     'use_sim_time': LaunchConfiguration('use_sim_time'),
-    'autostart': False,
+    'autostart': LaunchConfiguration('respawn'),
     'pose_source': 'tf',
 }
 
@@ -54,6 +59,7 @@ MANAGER = Node(
     name='lifecycle_manager_map',
     namespace=LaunchConfiguration('namespace'),
     output='screen',
+    condition=UnlessCondition(LaunchConfiguration('respawn')),
     parameters=[
         {
             'use_sim_time': LaunchConfiguration('use_sim_time'),
