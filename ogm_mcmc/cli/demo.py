@@ -181,8 +181,8 @@ def _common(options: argparse.Namespace, source: DemoInput, folder: Path) -> dic
         'map_frame': source.map_frame,
         'base_frame': source.base_frame,
         'pose_source': source.pose_source,
-        # What is left of tf is told as parameters: nothing else is sent.
-        'mount_source': 'parameters',
+        # What is left of tf is told as parameters, or on a topic of its own: tf is not sent.
+        'mount_source': 'topic' if source.moving else 'parameters',
         'mount.frames': source.mounts,
         'save_directory': str(folder),
         **given(options, PlacingConfig),
@@ -207,7 +207,7 @@ def _replay_arguments(options: argparse.Namespace, source: DemoInput, namespace:
     return [
         *('-m', 'ogm_mcmc.ros', 'replay', str(source.bag), '--rate', str(options.rate)),
         *('--topics', ','.join(names), '--remap', remap, *_computed(options, source)),
-        *('--wait', '20', '--wait-topics', str(len(source.scan_topics) + 1)),
+        *('--wait', '20', '--wait-topics', str(len(source.scan_topics) + 1 + source.moving)),
         *('--wait-subscribers', '2', '--progress', '--ros-args', '-r', f'__ns:={namespace}'),
     ]
 

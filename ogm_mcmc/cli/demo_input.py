@@ -33,7 +33,8 @@ class DemoInput(NamedTuple):
     """A bag to replay and what the nodes have to be told about it.
 
     `pose_source`: of the nodes; `computed`: what `replay` computes poses from, '' where it sends
-    those of `pose_topic` as they are. `mounts`: where sensors sit, as `mount.frames` has it.
+    those of `pose_topic` as they are. `mounts`: where sensors sit, as `mount.frames` has it;
+    `moving`: others move on the robot, and `replay` sends where they are.
     """
 
     bag: Path
@@ -44,6 +45,7 @@ class DemoInput(NamedTuple):
     map_frame: str
     base_frame: str
     mounts: str
+    moving: bool
     n_scans: int
     beams: int  # of the first scan
 
@@ -83,11 +85,11 @@ def _looked_into(bag_path: Path, options: argparse.Namespace) -> DemoInput:
         found = list(scans.sensor_mounts().values())
         first = next(bag.records((topics.scans[0].name,)))
         beams = len(bag.decode(first).ranges)
-    # Of the others some need messages that are not installed everywhere. A sensor that moves on
-    # the robot is followed by computed poses alone.
-    follows = len(found) == 1 and found[0].origin == 'tf'
+    # Of the others some need messages that are not installed everywhere. What moves on the robot
+    # `replay` sends together with computed poses.
+    moving = any(one.origin == 'tf' for one in found)
     sent = topics.pose_source in ('pose', 'pose_stamped', 'odom', 'particles')
-    recorded = sent and not follows
+    recorded = sent and not moving
     computed = '' if recorded else topics.pose_source
     return DemoInput(
         bag_path,
@@ -97,7 +99,8 @@ def _looked_into(bag_path: Path, options: argparse.Namespace) -> DemoInput:
         computed,
         topics.map_frame,
         topics.base_frame,
-        mounts_setting(found),
+        mounts_setting(one for one in found if one.origin != 'tf'),
+        moving,
         topics.n_scans,
         beams,
     )

@@ -72,8 +72,9 @@ class IntakeConfig:
     mount_source: str = setting(
         'auto',
         'where sensors sit: mount.* parameters, or tf from base_frame to the frame of the scan; '
-        'auto: the parameters if they name a place, else tf where it is there',
-        choices=('auto', 'parameters', 'tf'),
+        'auto: the parameters if they name a place, else tf where it is there; topic: the '
+        'parameters, else TransformStamped on mount, as `replay` sends them of sensors that move',
+        choices=('auto', 'parameters', 'tf', 'topic'),
     )
     transform_timeout: float = setting(
         1.0,

@@ -22,12 +22,15 @@ __all__ = ['MountFound', 'Mounts', 'mounts_setting', 'names_a_place']
 # At most this many lines about mounts are logged.
 MAX_TOLD = 20
 
+# Origins of mounts that are another one at each stamp.
+MOVING = ('tf', 'topic')
+
 
 class MountFound(NamedTuple):
     """What was decided about a sensor, for a line in the log.
 
-    `origin`: `tf_static`, `tf` (it moves), `parameters`, or empty where nothing says where it
-    sits and it is taken to be at the origin of the base.
+    `origin`: `tf_static`, `tf` (it moves), `topic` (likewise), `parameters`, or empty where
+    nothing says where it sits and it is taken to be at the origin of the base.
     """
 
     frame: str
@@ -67,7 +70,8 @@ class Mounts:
     """Mounts by frame and stamp; `tell` hears once of each sensor, and when one was moved.
 
     `source`: `auto` (parameters where they name a place for the frame, else tf, else the origin
-    of the base), `tf` or `parameters`. A frame that tf does not know is waited for, up to
+    of the base), `tf`, `topic` (parameters likewise, else what comes on a topic of its own into
+    `transforms`) or `parameters`. A frame that tf does not know is waited for, up to
     `patience_s` after its first scan. A mount that moves is that at the stamp.
     """
 
@@ -94,7 +98,7 @@ class Mounts:
     def at(self, frame: str, stamp_ns: int, now_s: float) -> SensorMount:
         """Return where the sensor of a frame sits; raises Waiting or Unplaceable."""
         named = names_a_place(self.config, frame)
-        if self.source == 'parameters' or (self.source == 'auto' and named):
+        if self.source == 'parameters' or (self.source != 'tf' and named):
             origin = 'parameters' if named else ''
             return self._found(frame, sensor_mount(self.config, frame), origin)
         if self.transforms is None:
@@ -113,6 +117,8 @@ class Mounts:
             return self._unknown(frame)
         except PoseError:
             raise Unplaceable('scan_bad_mount') from None
+        if self.source == 'topic':
+            return self._found(frame, mount, 'topic')
         moves = self.transforms.mount_moves(frame)
         return self._found(frame, mount, 'tf' if moves else 'tf_static')
 
@@ -127,14 +133,14 @@ class Mounts:
             self._first_s[frame] = -math.inf
 
     def _unknown(self, frame: str) -> SensorMount:
-        if self.source == 'tf' and frame != self.base_frame:
+        if self.source in ('tf', 'topic') and frame != self.base_frame:
             raise Unplaceable('scan_no_mount')
         return self._found(frame, SensorMount(), '')
 
     def _found(self, frame: str, mount: SensorMount, origin: str) -> SensorMount:
         before = self._told.get(frame)
         news = before is None or before.origin != origin
-        moved = before is not None and origin != 'tf' and before.mount != mount
+        moved = before is not None and origin not in MOVING and before.mount != mount
         if news or moved:
             self._told[frame] = found = MountFound(frame, self.base_frame, mount, origin)
             self._n_told += 1

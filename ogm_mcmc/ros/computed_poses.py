@@ -1,30 +1,31 @@
 """Poses of a recording, computed at the stamps of its scans, for nodes that cannot take them.
 
 Transforms cannot be sent where tf2_msgs is not installed, and the poses of a file are on no topic.
-What tf says of the sensors is told as the parameter that says the same. A parameter cannot move:
-where one sensor moves on the robot, each pose is that of a base on which it would sit as the
-parameter says, so that the sensor is where it was.
+What tf says of the sensors is told as the parameter that says the same; of those that move on the
+robot it is sent on a topic of its own (`mount_topic`), at the stamp of each scan.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 
 from ogm_mcmc.config.nodes import ReplayConfig
 from ogm_mcmc.engine.bag_scans import PlacedScans
 from ogm_mcmc.engine.bag_topics import StreamChoice, choose_topics
 from ogm_mcmc.engine.mounts import MountFound, mounts_setting
-from ogm_mcmc.engine.placing import MountSource
-from ogm_mcmc.engine.pose_history import Unplaceable, Waiting
+from ogm_mcmc.engine.pose_history import RESTART_NS, Unplaceable, Waiting
 from ogm_mcmc.errors import BagError, PoseError
 from ogm_mcmc.io import messages
-from ogm_mcmc.io.bag_headers import stored_header
+from ogm_mcmc.io.bag_headers import StoredHeader, stored_header
 from ogm_mcmc.io.bags import BagReader, BagRecord
 from ogm_mcmc.ros import qos
+from ogm_mcmc.ros.mount_topic import TOPIC as MOUNT_TOPIC
+from ogm_mcmc.ros.mount_topic import MountOutlet
 
 __all__ = ['ComputedPoses', 'computed_poses']
 
@@ -32,56 +33,54 @@ TOPIC = 'pose'
 
 
 class ComputedPoses:
-    """Publishes on `pose` where the robot was at the stamp of each scan."""
+    """Publishes on `pose` where the robot was at the stamp of each scan, and what moves on it."""
 
-    def __init__(self, node: Node, scans: PlacedScans) -> None:
+    def __init__(self, node: Node, scans: PlacedScans, moving: Iterable[str] = ()) -> None:
         self.topics = scans.topics
         self.source = scans.robot_poses()
+        self.mounts = scans.placer.mounts
         self.scan_names = {topic.name for topic in self.topics.scans}
-        self.mounts, self.fixed = _moving_mount(scans)
         self.outlet = node.create_publisher(PoseWithCovarianceStamped, TOPIC, qos.POSES)
+        frames = frozenset(moving)
+        self.moving = MountOutlet(node, self.topics.base_frame, frames) if frames else None
         self.missing = 0
+        self._last_ns = -RESTART_NS - 1
 
-    def before(self, record: BagRecord) -> bool:
-        """Publish the pose of a scan that goes next; return whether there was one."""
-        if record.topic not in self.scan_names:
-            return False
-        header = stored_header(record)
+    @property
+    def outlets(self) -> dict[str, Publisher]:
+        """Publishers by topic."""
+        moving = {} if self.moving is None else {MOUNT_TOPIC: self.moving.publisher}
+        return {TOPIC: self.outlet, **moving}
+
+    def before(self, record: BagRecord) -> list[str]:
+        """Publish what a scan that goes next needs; return on which topics."""
+        header = stored_header(record) if record.topic in self.scan_names else None
         if header is None:
-            return False
+            return []
         try:
             belief = self.source.at(header.stamp_ns)
-            if self.fixed is not None and self.mounts is not None:
-                now = self.mounts.at(self.fixed.frame, header.stamp_ns, 0.0)
-                belief = belief.moved(now.pose.compose(self.fixed.mount.pose.inverse()))
         except (Waiting, Unplaceable, PoseError):
             self.missing += 1
-            return False
-        message = PoseWithCovarianceStamped()
-        messages.fill_pose(message, belief, self.topics.map_frame, header.stamp_ns)
-        self.outlet.publish(message)
-        return True
+            return []
+        sent = self._send_mount(header)
+        # Scans of several lasers may share a stamp; an earlier one lies between poses sent.
+        if not 0 <= self._last_ns - header.stamp_ns <= RESTART_NS:
+            message = PoseWithCovarianceStamped()
+            messages.fill_pose(message, belief, self.topics.map_frame, header.stamp_ns)
+            self.outlet.publish(message)
+            self._last_ns = header.stamp_ns
+            sent.append(TOPIC)
+        return sent
 
-
-def _moving_mount(scans: PlacedScans) -> tuple[MountSource | None, MountFound | None]:
-    """Return the mounts, and one place of the only sensor if it moves on the robot."""
-    first = dict(scans.sensor_mounts())
-    moves = [one for one in first.values() if one.origin == 'tf']
-    return scans.placer.mounts, moves[0] if moves and len(first) == 1 else None
-
-
-def _say_of_moving(
-    found: list[MountFound], *, computed: bool, source: str, log: Callable[[str], object]
-) -> None:
-    """Say how sensors that move on the robot are taken by nodes that get no tf."""
-    moving = ', '.join(one.frame for one in found if one.origin == 'tf')
-    if not moving:
-        return
-    if computed and len(found) == 1:
-        log(f'{moving} moves on the robot: poses are those that put it where it was')
-        return
-    other = '' if computed or len(found) > 1 else f'; pose_source {source} follows it'
-    log(f'{moving} moves on the robot: mount.frames cannot follow it{other}')
+    def _send_mount(self, header: StoredHeader) -> list[str]:
+        if self.moving is None or self.mounts is None or header.frame not in self.moving.frames:
+            return []
+        try:
+            mount = self.mounts.at(header.frame, header.stamp_ns, 0.0)
+        except (Waiting, Unplaceable):
+            return []
+        self.moving.send(header.frame, mount, header.stamp_ns)
+        return [MOUNT_TOPIC]
 
 
 def computed_poses(
@@ -115,14 +114,25 @@ def computed_poses(
     for line in topics.remarks:
         log(line)
     mounts = [one for one in scans.sensor_mounts().values() if one.origin]
-    computed = asked or topics.pose_source == 'tf'
-    _say_of_moving(mounts, computed=computed, source=topics.pose_source, log=log)
-    told = f"mount.frames:='{mounts_setting(mounts)}'" if mounts else ''
-    if not computed:
+    moving = [one.frame for one in mounts if one.origin == 'tf']
+    told = _told_of_mounts(mounts, topics.base_frame)
+    if not (asked or moving or topics.pose_source == 'tf'):
         log(f'for the nodes: pose_source:={topics.pose_source} {told}'.rstrip())
         return None
     log(
         f'poses of {topics.base_frame} are computed and published on {TOPIC}; for the nodes: '
         f'pose_source:=pose map_frame:={topics.map_frame} {told}'.rstrip()
     )
-    return ComputedPoses(node, scans)
+    if moving:
+        verb = 'moves' if len(moving) == 1 else 'move'
+        log(f'{", ".join(moving)} {verb} on the robot: where to is published on {MOUNT_TOPIC}')
+    return ComputedPoses(node, scans, moving)
+
+
+def _told_of_mounts(mounts: list[MountFound], base_frame: str) -> str:
+    """Return the parameters that say where sensors sit."""
+    fixed = [one for one in mounts if one.origin != 'tf']
+    told = f"mount.frames:='{mounts_setting(fixed)}'" if fixed else ''
+    if len(fixed) == len(mounts):
+        return told
+    return f'mount_source:=topic base_frame:={base_frame} {told}'.rstrip()

@@ -30,7 +30,6 @@ from ogm_mcmc.files.user_paths import user_path
 from ogm_mcmc.io.bags import BagReader, BagRecord, BagTopic
 from ogm_mcmc.io.messages import time_parts
 from ogm_mcmc.io.tf_messages import TF_TYPES
-from ogm_mcmc.ros.computed_poses import TOPIC as POSE_TOPIC
 from ogm_mcmc.ros.computed_poses import ComputedPoses, computed_poses
 from ogm_mcmc.ros.pacing import Pacer
 from ogm_mcmc.ros.parameters import ParameterSet
@@ -119,7 +118,7 @@ class Replay(Node):
             tf_is_sent = any(topic.msgtype in TF_TYPES for topic in chosen)
             self.poses = computed_poses(self, bag, self.settings, tf_is_sent=tf_is_sent)
             if self.poses is not None:
-                chosen = self._without_pose(chosen)
+                chosen = self._without_computed(chosen)
             self._advertise(bag, chosen)
             self._wait_for_subscribers()
             if self.unheard:
@@ -160,11 +159,12 @@ class Replay(Node):
             )
         return usable
 
-    def _without_pose(self, chosen: list[BagTopic]) -> list[BagTopic]:
+    def _without_computed(self, chosen: list[BagTopic]) -> list[BagTopic]:
+        computed = {} if self.poses is None else self.poses.outlets
         for topic in chosen:
-            if topic.name.lstrip('/') == POSE_TOPIC:
-                self._skip(topic, 'other poses are published there')
-        return [topic for topic in chosen if topic.name.lstrip('/') != POSE_TOPIC]
+            if topic.name.lstrip('/') in computed:
+                self._skip(topic, 'others are published there')
+        return [topic for topic in chosen if topic.name.lstrip('/') not in computed]
 
     def _skip(self, topic: BagTopic, reason: str) -> None:
         self.counts.skipped_topics[topic.name] = reason
@@ -175,7 +175,7 @@ class Replay(Node):
         for old in renamed.keys() - {topic.name.lstrip('/') for topic in topics}:
             raise ConfigError(f'remap of {old}: no such topic is published')
         if self.poses is not None:
-            self.outlets[POSE_TOPIC] = self.poses.outlet
+            self.outlets.update(self.poses.outlets)
         for topic in topics:
             message_class = _message_class(topic.msgtype)
             # Absolute names become relative, so that namespaces and ROS remaps apply.
@@ -278,8 +278,9 @@ class Replay(Node):
 
     def _publish(self, bag: BagReader, record: BagRecord) -> None:
         publisher = self.outlets[record.topic]
-        if self.poses is not None and self.poses.before(record):
-            self._count(POSE_TOPIC, self.poses.outlet)
+        if self.poses is not None:
+            for topic in self.poses.before(record):
+                self._count(topic, self.poses.outlets[topic])
         try:
             publisher.publish(bag.cdr(record))
         except (BagError, RCLError) as error:

@@ -26,6 +26,7 @@ from ogm_mcmc.geometry.rigid_transform import StampedTransform
 from ogm_mcmc.io import messages
 from ogm_mcmc.ros import qos
 from ogm_mcmc.ros.intake_health import Health, IntakeHealth
+from ogm_mcmc.ros.mount_topic import MountListener
 from ogm_mcmc.ros.pose_topics import AnyReliability, message_class, pose_reader
 from ogm_mcmc.ros.problems import Problems
 from ogm_mcmc.ros.tf_listener import TF_STATIC_TOPIC, TF_TOPIC, TfListener, tf_is_installed
@@ -84,11 +85,12 @@ class ScanIntake:
         self.transforms = TfPoses(TransformTree(KEEP_TF_S), *frames)
         self._corrections = Corrections(self.transforms.tree, *frames)
         self.tf = self._listener()
+        self.mount_topic = self._mount_listener()
         self.mounts = Mounts(
             placing.mount,
             settings.base_frame,
             source=settings.mount_source,
-            transforms=self.transforms if self.tf else None,
+            transforms=self.transforms if self.tf or self.mount_topic else None,
             patience_s=settings.transform_timeout,
             tell=self.on_mount,
         )
@@ -120,6 +122,16 @@ class ScanIntake:
             )
         return None
 
+    def _mount_listener(self) -> MountListener | None:
+        if self.settings.mount_source != 'topic':
+            return None
+        return MountListener(
+            self.node,
+            self.transforms.tree,
+            on_message=self.on_mount_message,
+            on_fault=self.on_fault,
+        )
+
     def subscribe(self) -> None:
         """Begin to receive."""
         self.watch.begin()
@@ -130,6 +142,8 @@ class ScanIntake:
             subscribe(LaserScan, 'scan', self.on_scan, qos.SENSOR)
         if self.tf is not None:
             self.tf.subscribe()
+        if self.mount_topic is not None:
+            self.mount_topic.subscribe()
         name = self.settings.pose_source
         if name != 'tf':
             self._pose_topic = AnyReliability(self.node, message_class(name), name, self.on_pose)
@@ -245,6 +259,10 @@ class ScanIntake:
         if self.settings.pose_source == 'tf':
             self.counts['poses_received'] += 1
             self.watch.pose_came()
+        self.on_mount_message()
+
+    def on_mount_message(self) -> None:
+        """Pass on the scans that waited for where their sensor sits."""
         if len(self.placer) > 0:
             self.pass_on()
 

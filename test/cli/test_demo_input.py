@@ -64,6 +64,21 @@ def test_a_turned_laser_and_tf_only(looked_into, scans, tmp_path):
     assert common['max_pose_gap'] == 3.0
 
 
+def test_lasers_of_which_one_moves(looked_into, scans, make_scan, tmp_path):
+    """Odometry could be sent as it is; where a laser moves to is sent with computed poses."""
+    records = [*scans, *odometry(), *(('/rear', t, make_scan(t, frame='rear')) for t in STAMPS)]
+    records.append(('/tf_static', 1, transform(1, 'base_link', 'rear', -0.2, 0.0, 3.0)))
+    for k, t in enumerate(STAMPS):
+        records.append(('/tf', t, transform(t, 'base_link', 'laser', 0.2, 0.0, 0.1 * k)))
+    source, options = looked_into(records)
+    assert (source.computed, source.moving, source.mounts) == ('odom', True, 'rear -0.2 0 3')
+    common = _common(options, source, tmp_path)
+    assert (common['mount_source'], common['mount.frames']) == ('topic', 'rear -0.2 0 3')
+    said = ' '.join(_replay_arguments(options, source, '/x'))
+    assert '--pose-source odom' in said
+    assert '--wait-topics 4' in said  # two lasers, poses and mounts
+
+
 def test_poses_of_a_file(looked_into, scans, tmp_path):
     path = tmp_path / 'poses.tum'
     path.write_text('20.0 1 2 0 0 0 0 1\n21.0 1 3 0 0 0 0 1\n')

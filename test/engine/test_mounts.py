@@ -136,6 +136,18 @@ def test_only_tf():
     assert bench.at(1, 1.0).pose.x_m == approx(0.2)
 
 
+def test_a_topic_of_its_own_fills_in_what_parameters_do_not_say():
+    bench = Bench(MountConfig(frames='rear -0.2 0 3.0'), source='topic', patience_s=0.0)
+    assert bench.why_not(1.0) == 'scan_no_mount'
+    bench.tree.add(entry(1.0, 0.2, 0.5))
+    bench.tree.add(entry(2.0, 0.2, 1.5))
+    assert [bench.at(stamp).pose.yaw_rad for stamp in (1.0, 1.5, 2.0)] == approx([0.5, 1.0, 1.5])
+    assert bench.at(1.0, frame='rear').pose.yaw_rad == 3.0
+    assert [one.origin for one in bench.told] == ['topic', 'parameters']
+    with pytest.raises(Waiting):
+        bench.at(3.0)
+
+
 def test_only_parameters():
     bench = Bench(source='parameters')
     bench.tree.add(entry(1, 0.2), static=True)

@@ -4,8 +4,15 @@ import numpy as np
 import pytest
 
 from ogm_mcmc.engine.transform_tree import TransformTree
+from ogm_mcmc.geometry import Pose2D, SensorMount
 from ogm_mcmc.io.bags import BagReader, BagWriter, typestore
-from ogm_mcmc.io.tf_messages import TF_TYPES, is_static, read_transforms
+from ogm_mcmc.io.tf_messages import (
+    TF_TYPES,
+    fill_transform,
+    is_static,
+    read_transform,
+    read_transforms,
+)
 
 S = 1_000_000_000
 LEVEL = (0.0, 0.0, 0.0, 1.0)
@@ -54,6 +61,18 @@ def test_a_message_is_read_in_full():
     assert first.transform == ((1.0, 2.0, 3.0), LEVEL)
     assert second.transform.quaternion == (0.0, 0.0, 0.6, 0.8)
     assert read.faults == []
+
+
+@pytest.mark.parametrize('upside_down', [False, True])
+def test_what_is_filled_in_is_read_back(upside_down):
+    one = stamped('', '', turn=(0.0, 0.0, 0.0, 0.0))
+    mount = SensorMount(Pose2D(0.25, -0.5, 2.5), upside_down)
+    fill_transform(one, 'base_link', 'laser', mount, 3 * S + 7)
+    read = read_transform(one)
+    assert (read.parent, read.child, read.stamp_ns) == ('base_link', 'laser', 3 * S + 7)
+    pose, flipped = read.transform.planar()
+    assert (pose.x_m, pose.y_m, pose.yaw_rad) == pytest.approx((0.25, -0.5, 2.5))
+    assert flipped is upside_down
 
 
 def test_a_transform_at_fault_does_not_take_the_others_with_it():

@@ -1,13 +1,12 @@
 """`replay` of recordings whose poses cannot be sent as they are."""
 
 import json
-import re
 
 import pytest
 
 pytest.importorskip('rclpy', reason='rclpy is not installed: no ROS tests')
 
-from geometry_msgs.msg import PoseWithCovarianceStamped
+from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped
 from sensor_msgs.msg import LaserScan
 from support.ros import NodeProcess, Observer
 from support.transforms import transform
@@ -15,8 +14,11 @@ from support.transforms import transform
 from ogm_mcmc.geometry import Pose2D
 from ogm_mcmc.io import messages
 from ogm_mcmc.io.ros_types import odometry
+from ogm_mcmc.io.tf_messages import read_transform
 
 pytestmark = [pytest.mark.ros]
+
+approx = pytest.approx
 
 SECOND = 1_000_000_000
 STAMPS = [20 * SECOND + k * SECOND // 10 for k in range(6)]
@@ -59,25 +61,44 @@ def test_poses_of_tf_are_computed_where_tf_cannot_be_sent(write_bag, records):
     assert 'pose_source:=pose map_frame:=map' in output
 
 
+def place(pose):
+    return pose.x_m, pose.y_m, pose.yaw_rad
+
+
 @pytest.mark.parametrize('source', ['tf', 'odom'])
-def test_a_sensor_that_moves_on_the_robot_is_where_it_was(write_bag, make_scan, source):
-    """A robot that stands, its laser turned further with each scan."""
-    held = []
+def test_sensors_that_move_on_the_robot_are_where_they_were(write_bag, make_scan, source):
+    """A robot that drives: a laser turns, one is pushed out head down, one sits still."""
+    held = [('/tf_static', 0, transform(0, 'base_link', 'rear', -0.3, 0.0, 3.0))]
     for k, stamp in enumerate(STAMPS):
-        held.append(('/tf', stamp, transform(stamp, 'odom', 'base_link', 0.0, 1.0, 0.0)))
-        held.append(
-            ('/tf', stamp, transform(stamp, 'base_link', 'laser', 0.2, 0.0, 0.5 + 0.3 * k))
-        )
-        held.append(('/odom', stamp, odometry(stamp, Pose2D(0.0, 1.0), 0.0, 0.0)))
-        held.append(('/scan', stamp, make_scan(stamp)))
-    poses, done, output = replayed(write_bag(held), '--pose-source', source)
-    assert done['published']['pose'] == len(STAMPS)
-    assert 'laser moves on the robot: poses are those that put it where it was' in output
-    (told,) = re.findall(r"mount.frames:='laser 0.2 0 ([0-9.]+)'", output)
-    for k, pose in enumerate(poses):
-        sensor = messages.read_pose(pose).moved(Pose2D(0.2, 0.0, float(told))).mean
-        assert (sensor.x_m, sensor.y_m) == pytest.approx((0.2, 1.0), abs=1e-6)
-        assert sensor.yaw_rad == pytest.approx(0.5 + 0.3 * k, abs=1e-5)
+        held.append(('/tf', stamp, transform(stamp, 'odom', 'base_link', 0.1 * k, 1.0, 0.0)))
+        turned = transform(stamp, 'base_link', 'laser', 0.2, 0.0, 0.5 + 0.3 * k)
+        pushed = transform(stamp, 'base_link', 'arm', 0.1 * k, 0.5, 1.0, 3.141592653589793)
+        held += [('/tf', stamp, turned), ('/tf', stamp, pushed)]
+        held.append(('/odom', stamp, odometry(stamp, Pose2D(0.1 * k, 1.0), 0.0, 0.0)))
+        held += [(f'/{f}', stamp, make_scan(stamp, frame=f)) for f in ('laser', 'arm', 'rear')]
+    with Observer() as observer:
+        transforms = observer.collect(TransformStamped, 'mount', 100)
+        poses = observer.collect(PoseWithCovarianceStamped, 'pose', 100)
+        command = [write_bag(held), '--rate', '0', '--wait', '20', '--wait-topics', '2']
+        with NodeProcess('replay', [*map(str, command), '--pose-source', source]) as player:
+            observer.until(lambda: not player.running(), 60.0)
+            assert player.wait() == 0, player.output
+        observer.until(lambda: len(transforms) == 2 * len(STAMPS), 10.0)
+        observer.until(lambda: len(poses) == len(STAMPS), 10.0)
+        assert len(poses) == len(STAMPS)  # three scans share one
+    assert 'arm, laser move on the robot: where to is published on mount' in player.output
+    assert "base_frame:=base_link mount.frames:='rear -0.3 0 3'" in player.output
+    assert 'mount_source:=topic' in player.output
+    for k, stamp in enumerate(STAMPS):
+        now = [read_transform(one) for one in transforms[2 * k : 2 * k + 2]]
+        assert {(one.parent, one.child, one.stamp_ns) for one in now} == {
+            ('base_link', 'laser', stamp),
+            ('base_link', 'arm', stamp),
+        }
+        arm, laser = (one.transform.planar() for one in sorted(now, key=lambda one: one.child))
+        assert (*place(laser[0]), laser[1]) == approx((0.2, 0.0, 0.5 + 0.3 * k, False))
+        assert (*place(arm[0]), arm[1]) == approx((0.1 * k, 0.5, 1.0, True), abs=1e-9)
+        assert messages.read_pose(poses[k]).mean.x_m == approx(0.1 * k)
 
 
 def test_poses_of_a_file(write_bag, records, tmp_path):

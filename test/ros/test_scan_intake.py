@@ -7,7 +7,7 @@ import pytest
 
 pytest.importorskip('rclpy', reason='rclpy is not installed: no ROS tests')
 
-from geometry_msgs.msg import PoseArray
+from geometry_msgs.msg import PoseArray, TransformStamped
 from nav_msgs.msg import Odometry
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from support.local_ros import (
@@ -26,6 +26,8 @@ from ogm_mcmc.config.nodes import IntakeConfig
 from ogm_mcmc.config.pose_sources import POSE_SOURCES
 from ogm_mcmc.engine import transform_tree
 from ogm_mcmc.errors import ConfigError
+from ogm_mcmc.geometry import Pose2D, SensorMount
+from ogm_mcmc.io.tf_messages import fill_transform
 from ogm_mcmc.ros import qos
 from ogm_mcmc.ros.scan_intake import ScanIntake
 
@@ -300,6 +302,25 @@ def test_a_mount_that_moves_is_that_at_each_stamp(tf_bench):
     assert [yaw for _, _, yaw in taken.where] == approx([0.25, 0.75])
     taken.tf(('base_link', 'laser', 2.5))
     assert [yaw for _, _, yaw in taken.where] == approx([0.25, 0.75, 0.5])
+
+
+def test_lasers_that_move_are_followed_on_a_topic_of_their_own(bench):
+    """Two of them, with scans of one stamp; no tf is needed."""
+    taken = bench(transform_timeout=1.0, mount_source='topic')
+    for k in range(3):
+        taken.intake.on_pose(pose(1.0 + k))
+        for frame, place in (('front', (0.2, 0.0, 0.5 * k)), ('rear', (-0.1 * k, 0.0, 3.0))):
+            taken.scan(1.0 + k, frame=frame)
+            message = TransformStamped()
+            mount = SensorMount(Pose2D(*place))
+            fill_transform(message, 'base_link', frame, mount, (1 + k) * 1_000_000_000)
+            taken.intake.mount_topic.take(message)
+    found = [placed.pose.yaw_rad for placed in taken.used]
+    assert found == approx([0.0, 3.0, 0.5, 3.0, 1.0, 3.0])
+    assert [x for x, _, _ in taken.where] == approx([0.2, 0.0, 0.2, -0.1, 0.2, -0.2])
+    assert len(taken.logs.of('info')) == 2
+    taken.intake.mount_topic.take(TransformStamped())
+    assert taken.problems == {'tf_invalid': 1}
 
 
 def test_several_lasers_on_one_topic_have_a_mount_each(tf_bench):
