@@ -209,14 +209,24 @@ class Refinement:
     def _present_maps(
         self, old: GridSpec, new: GridSpec, scans: Sequence[PlacedScan], extends: bool
     ) -> list[UInt8Array]:
-        """Return the maps (K,) of the chains, none without, where their cells are now."""
+        """Return the maps (K,) of the chains, none without, where their cells are now.
+
+        Cells that no chain has drawn yet begin as the prior has it. The solid that surrounds
+        patches would not do: from a block a ray has to pass chains wear off the rim only.
+        """
         if self.sampler is None:
             return []
         before = None if extends else cells_before(old, new, self._taken, scans)
         elsewhere = int(self.config.chain.prior >= 0.5)
-        if before is None:
-            return [laid_on(state.cells, old, new, elsewhere) for state in self.sampler.states]
-        return [warped(state.cells, before, elsewhere) for state in self.sampler.states]
+        touched, present = self.sampler.model.touched, []
+        for state in self.sampler.states:
+            cells = np.full_like(state.cells, elsewhere)
+            cells[touched] = state.cells[touched]
+            if before is None:
+                present.append(laid_on(cells, old, new, elsewhere))
+            else:
+                present.append(warped(cells, before, elsewhere))
+        return present
 
     # -- sampling ---------------------------------------------------------------------------
 

@@ -149,6 +149,24 @@ def test_a_warm_start_begins_with_the_last_maps(scans):
     assert maps(refinement) == [cells & touched for cells in before]
 
 
+def test_what_scans_newly_tell_of_begins_free_not_as_the_solid_around_patches():
+    patch = PatchConfig(prior='uniform', size=9, margin=1)
+    refinement = Refinement(replace(settings(), patch=patch))
+    refinement.take([FIRST, THIRD])
+    before, box = cells_of(refinement), refinement.window.spec.box
+    refinement.take([FIRST, THIRD, SECOND])
+    assert refinement.window.spec.box == box
+    new = cells_of(refinement) - before
+    assert new
+    assert all(not cells & new for cells in maps(refinement))
+
+
+def cells_of(refinement):
+    """Return columns and rows on the lattice of the cells that are drawn."""
+    spec, cells = refinement.window.spec, refinement.sampler.model.touched
+    return {(k % spec.width + spec.column0, k // spec.width + spec.row0) for k in cells.tolist()}
+
+
 def test_taking_the_same_again_draws_other_numbers():
     """Else every round would follow the last one's path, and what it adds would be nothing."""
     refinement = taken(FIRST, SECOND)
