@@ -26,6 +26,7 @@ from ogm_mcmc.lab.experiments.joint_intel import every_other
 from ogm_mcmc.lab.experiments.pose_particles import LOG, Believed, read_log
 from ogm_mcmc.lab.experiments.recordings import data_folder
 from ogm_mcmc.lab.experiments.results import row, save_picture
+from ogm_mcmc.mapping import PoseUncertainMapper
 from ogm_mcmc.plotting import Series, curves_png
 from ogm_mcmc.trajectory import TrajectoryRefinement
 from ogm_mcmc.trajectory.points import poses_of, xyyaw
@@ -34,10 +35,16 @@ __all__ = ['run']
 
 JUDGE = ForwardModelConfig(sigma=0.05)
 LIKELIEST, MEAN, ALL = 'likeliest particle', 'mean pose', 'all particles (pose_uncertain)'
+WEIGHTED = 'all particles, weighed by the map so far'
 FINAL, JOINT = 'final trajectory', 'joint'
+
+# Of a scan's even beams as many count as independent.
+MAP_BEAMS = 5.0
 
 NOTES = [
     'All particles: the map of pose_uncertain, odd beams from the mean pose.',
+    f'Weighed by the map so far: `map_beams` {MAP_BEAMS:g}, odd beams from the mean of the '
+    'weighed particles.',
     'The final trajectory is what the SLAM system (GMapping) came to after all loops.',
     'Log recorded at MIT CSAIL by Cyrill Stachniss (Radish, CC-BY).',
 ]
@@ -65,7 +72,7 @@ def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
         curves_png(curves, 'false positive rate', 'true positive rate', x_limits=(0.0, 0.3)),
     )
     final = maps[FINAL].poses
-    for name in (LIKELIEST, JOINT):
+    for name in (LIKELIEST, MEAN, WEIGHTED, JOINT):
         errors = absolute_errors(maps[name].poses, final).summary()
         remark = f'{errors["mean_deg"]:.3f} degrees, after rigid alignment'
         rows.append(row(f'{name}: from the final trajectory, m', errors['mean_m'], None, remark))
@@ -105,7 +112,20 @@ def maps_of(believed: Sequence[Believed], joint: Float64Array) -> dict[str, Mapp
         PlacedScan(scan, one.placed.belief) for scan, one in zip(scans, believed, strict=True)
     )
     maps[ALL] = Mapped(map_of(uncertain, averaging), poses[MEAN])
+    chosen = replace(averaging.pose_uncertain, map_beams=MAP_BEAMS)
+    maps[WEIGHTED] = weighted(believed, replace(averaging, pose_uncertain=chosen))
     return maps
+
+
+def weighted(believed: Sequence[Believed], config: MapperConfig) -> Mapped:
+    """Map the even beams; poses are the means of what each scan was mapped at."""
+    mapper, means = PoseUncertainMapper(config), []
+    for one in believed:
+        mapper.update(PlacedScan(every_other(one.placed.scan, 0), one.placed.belief))
+        assert mapper.samples is not None
+        means.append(mapper.samples.mean())
+    whole = GridMap(mapper.spec, mapper.probabilities(mapper.spec.box))
+    return Mapped(whole.cropped(), xyyaw(means))
 
 
 def nats_of(believed: Sequence[Believed], mapped: Mapped) -> float:
