@@ -65,7 +65,7 @@ class MappingPipeline:
         early when `cancelled`.
         """
         changed = NOTHING
-        together = batch_update(self.method)
+        together = batch_update(self.config.method, self.method)
         if together is not None:
             with contextlib.suppress(GridError):
                 changed, added = together(scans, cancelled)

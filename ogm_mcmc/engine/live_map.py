@@ -26,7 +26,7 @@ def map_of(
     GridError when the map would become too large.
     """
     method = make_method(config)
-    together = batch_update(method)
+    together = batch_update(config.method, method)
     if together is not None:
         together(list(scans), lambda: False)
     else:

@@ -29,6 +29,7 @@ __all__ = [
     'LogDensity',
     'beam_log_likelihood',
     'density_within',
+    'depth_of',
     'log_likelihood_of_samples',
 ]
 
@@ -40,6 +41,11 @@ def density_within(judge: LogDensity | ForwardModel, reach_m: float) -> LogDensi
     if isinstance(judge, ForwardModel):
         return partial(judge.log_density, reach_m=reach_m)
     return judge
+
+
+def depth_of(judge: LogDensity | ForwardModel | None) -> float:
+    """Return where inside a cell a judge lets a beam end, as a share of its way through."""
+    return judge.depth if isinstance(judge, ForwardModel) else 0.5
 
 
 def beam_log_likelihood(
@@ -57,7 +63,7 @@ def beam_log_likelihood(
     says where inside a cell a beam is reflected: by default as the model has it, or half way.
     """
     if depth is None:
-        depth = judge.depth if isinstance(judge, ForwardModel) else 0.5
+        depth = depth_of(judge)
     parts = [np.empty(0)]
     for scan, belief in placed:
         beams = scan.informative(no_return_clears=no_return == 'clear')

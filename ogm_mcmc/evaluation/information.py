@@ -12,7 +12,7 @@ import numpy as np
 
 from ogm_mcmc.arrays import AnyArray, Float64Array
 from ogm_mcmc.errors import require
-from ogm_mcmc.evaluation.beam_likelihood import LogDensity, density_within
+from ogm_mcmc.evaluation.beam_likelihood import LogDensity, density_within, depth_of
 from ogm_mcmc.evaluation.first_hits import first_hits
 from ogm_mcmc.geometry import GridMap, Pose2D
 from ogm_mcmc.sensors.forward_model import ForwardModel
@@ -38,7 +38,7 @@ def expected_information_gain(
     `prior` and `depth` as in `beam_log_likelihood`.
     """
     if depth is None:
-        depth = judge.depth if isinstance(judge, ForwardModel) else 0.5
+        depth = depth_of(judge)
     log_density = None if judge is None else density_within(judge, reach_m)
     hits = first_hits(grid_map, sensor, bearings_rad, reach_m, prior=prior, depth=depth)
     step = 0.25 * grid_map.spec.resolution_m if z_step_m is None else z_step_m

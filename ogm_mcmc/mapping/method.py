@@ -77,15 +77,8 @@ class MappingMethod(Protocol):
 BatchUpdate = Callable[[Sequence[PlacedScan], Callable[[], bool]], Batch]
 
 
-def batch_update(method: MappingMethod) -> BatchUpdate | None:
-    """Return what adds many scans at once, sooner than in turn and to the same map.
-
-    Called with scans and whether to stop; returns what it did. Raises GridError, with nothing
-    changed, when a scan leads too far away. None where a method takes scans in turn.
-    """
-    if isinstance(method, TwoAssumptionMapper) and method.takes_together:
-        return method.update_all
-    return None
+def in_turn(method: Any) -> None:
+    """Return nothing: the method takes scans one after the other."""
 
 
 def no_extras(method: Any, box: CellBox) -> Extras:
@@ -104,6 +97,7 @@ class Registration(NamedTuple):
     tables  names of the tables in its extras
     at      called with the method and points (N, 2) of the map frame, m: log-odds and variance
             there; None where a method knows of cells alone
+    batch   called with the method: what adds many scans at once, None where it takes them in turn
     """
 
     make: Callable[[MapperConfig], MappingMethod]
@@ -111,6 +105,7 @@ class Registration(NamedTuple):
     extras: Callable[[Any, CellBox], Extras] = no_extras
     tables: tuple[str, ...] = ()
     at: Predict | None = None
+    batch: Callable[[Any], BatchUpdate | None] = in_turn
 
 
 COMMON = frozenset({'method', 'resolution', 'max_cells', 'max_range', 'no_return'})
@@ -119,7 +114,9 @@ LOG_ODDS = frozenset({'prior', 'log_odds_limit'})
 BEAMS = LOG_ODDS | {'inverse_model', 'fusion', 'step', 'gaussian'}
 
 METHODS: dict[str, Registration] = {
-    'two_assumption': Registration(TwoAssumptionMapper, BEAMS),
+    'two_assumption': Registration(
+        TwoAssumptionMapper, BEAMS, batch=TwoAssumptionMapper.batch_update
+    ),
     'pose_uncertain': Registration(PoseUncertainMapper, BEAMS | {'pose_uncertain'}),
     'adaptive': Registration(
         AdaptiveMapper,
@@ -141,6 +138,15 @@ METHODS: dict[str, Registration] = {
 def make_method(config: MapperConfig) -> MappingMethod:
     """Make the method a configuration names."""
     return METHODS[config.method].make(config)
+
+
+def batch_update(name: str, method: MappingMethod) -> BatchUpdate | None:
+    """Return what adds many scans at once, sooner than in turn and to the same map.
+
+    Called with scans and whether to stop; returns what it did. Raises GridError, with nothing
+    changed, when a scan leads too far away. None where a method takes scans in turn.
+    """
+    return METHODS[name].batch(method)
 
 
 def extras_of(name: str, method: MappingMethod, box: CellBox) -> Extras:

@@ -95,10 +95,10 @@ class TwoAssumptionMapper(LogOddsMapper):
         column, row = rays.column - self.spec.column0, rays.row - self.spec.row0
         return (column, row, rays.x, rays.y, rays.ends, rays.hit, rays.n_rays)
 
-    @property
-    def takes_together(self) -> bool:
-        """Whether `update_all` may be called: misses can be counted."""
-        return self._at_the_mean and not self._beams.gaussian and self.config.fusion == 'per_scan'
+    def batch_update(self) -> Callable[..., Batch] | None:
+        """Return `update_all` where misses can be counted, None elsewhere."""
+        counts = self._at_the_mean and not self._beams.gaussian
+        return self.update_all if counts and self.config.fusion == 'per_scan' else None
 
     def update_all(
         self, scans: Sequence[PlacedScan], cancelled: Callable[[], bool] = lambda: False

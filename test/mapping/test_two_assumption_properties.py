@@ -82,7 +82,7 @@ def in_turn_and_together(config, placed):
     scans = [PlacedScan.at(scan, sensor) for scan, sensor in placed]
     for scan in scans:
         one.update(scan)
-    assert all_at_once.takes_together
+    assert all_at_once.batch_update() is not None
     changed, added = all_at_once.update_all(scans)
     assert added == len(scans)
     return one, all_at_once, changed
