@@ -313,6 +313,7 @@ def _sampled(
         'scans_used': len(recording),
         'scans_let_go': dict(recording.let_go),
         'rays': index.n_rays,
+        'rays_merged': index.n_merged,
         'pairs': index.n_pairs,
         'memory_mb': round((index.n_bytes + sampler.n_bytes) / 1e6, 1),
         'cells': int(sampler.model.touched.size),
@@ -337,9 +338,10 @@ def _text(result: dict[str, Any]) -> str:
         moved = f'; poses moved {100.0 * of["moved_m"]:.1f} cm, {of["moved_deg"]:.2f} degrees'
         if 'deviation_m' in of:
             moved += f', now sure to {100.0 * of["deviation_m"]:.1f} cm'
+    merged = f' ({result["rays_merged"]} merged with equal ones)' if result['rays_merged'] else ''
     early = '' if result['counted'] else ' before the end of the burn-in: no posterior mean yet'
     return (
-        f'{result["scans_used"]} of {result["scans"]} scans, {result["rays"]} rays -> '
+        f'{result["scans_used"]} of {result["scans"]} scans, {result["rays"]} rays{merged} -> '
         f'{result["files"]["yaml"]}: {result["cells"]} cells, {result["counted"]} sweeps counted '
         f'of each chain, {result["sweeps_per_s"]:.1f}/s, R-hat {r_hat} (99 %){agreeing}; '
         f'stopped: {result["reason"]}{early}{moved}' + (f'; dropped: {dropped}' if dropped else '')

@@ -115,8 +115,19 @@ def corrected_poses(
     step[:, 2] = turned_back(step[:, 2])
     mean = first + share * step
     mean[:, 2] = turned_back(mean[:, 2])
-    poses[covered] = mean
+    poses[covered] = mean[_first_of_standing(recorded)]
     return poses, covered
+
+
+def _first_of_standing(recorded: Float64Array) -> Int64Array:
+    """Return for each of recorded poses (M, 3) the first of those before that are the same.
+
+    A robot that stood still stood in one place, whatever nodes say of the time.
+    """
+    moved = np.ones(len(recorded), np.bool_)
+    moved[1:] = (np.diff(recorded, axis=0) != 0.0).any(axis=1)
+    first: Int64Array = np.maximum.accumulate(np.where(moved, np.arange(len(recorded)), 0))
+    return first
 
 
 def _carried(node: Float64Array, at_node: Float64Array, recorded: Float64Array) -> Float64Array:

@@ -62,11 +62,15 @@ MIN_COUNTED = 64
 
 
 class IndexSize(NamedTuple):
-    """Rays, pairs of a ray and a cell it crosses, memory."""
+    """Rays, pairs of a ray and a cell it crosses, memory.
+
+    Of these rays `n_merged` run along with others and are held together with them.
+    """
 
     n_rays: int
     n_pairs: int
     n_bytes: int
+    n_merged: int = 0
 
 
 class Refinement:
@@ -151,8 +155,8 @@ class Refinement:
     @property
     def size(self) -> IndexSize:
         """How large the index of the window is."""
-        index = self.window.index
-        return IndexSize(index.n_rays, index.n_pairs, index.n_bytes)
+        window, index = self.window, self.window.index
+        return IndexSize(window.n_beams, index.n_pairs, index.n_bytes, window.n_merged)
 
     def _posterior(self, window: RayWindow, grown: Grown | None) -> PosteriorModel:
         return posterior_model(self.config, window, self._table, grown_from=grown)
@@ -169,7 +173,8 @@ class Refinement:
 
     def _empty_window(self) -> RayWindow:
         config = self._decided()
-        return RayWindow(config.window, self.model, margin=config.patch.window_margin)
+        margin = config.patch.window_margin
+        return RayWindow(config.window, self.model, margin=margin, merge=True)
 
     def _begun(
         self,

@@ -79,6 +79,7 @@ class WorkerStatus(NamedTuple):
     state: str = 'idle'  # idle, refining poses, indexing, sampling
     scans: int = 0
     rays: int = 0
+    merged: int = 0  # of these rays, with others that they run along with
     n_bytes: int = 0
     progress: Progress | None = None
     sensor: SensorNumbers | None = None
@@ -287,6 +288,7 @@ class RefineWorker:
         self.status = self.status._replace(
             state='sampling',
             rays=refinement.size.n_rays,
+            merged=refinement.size.n_merged,
             sensor=refinement.sensor,
             no_return=refinement.no_return,
             n_bytes=refinement.size.n_bytes + refinement.sampler.n_bytes,

@@ -15,6 +15,7 @@ __all__ = [
     'progress_text',
     'progress_values',
     'sensor_values',
+    'window_values',
 ]
 
 
@@ -60,6 +61,16 @@ def disagreement(status: WorkerStatus, stop: StopConfig) -> str:
         f'{100.0 * progress.agreeing_share:.1f} % of the cells, expected '
         f'{100.0 * stop.agreeing_share:g} %'
     )
+
+
+def window_values(status: WorkerStatus) -> dict[str, object]:
+    """Return how much is sampled, for /diagnostics."""
+    return {
+        'scans sampled': status.scans,
+        'rays': status.rays,
+        'rays merged with equal ones': status.merged,
+        'memory (MB)': f'{status.n_bytes / 1e6:.1f}',
+    }
 
 
 def progress_values(progress: Progress | None) -> dict[str, object]:

@@ -51,6 +51,7 @@ from ogm_mcmc.ros.refine_report import (
     progress_text,
     progress_values,
     sensor_values,
+    window_values,
 )
 from ogm_mcmc.ros.refined_maps import RefinedMaps
 from ogm_mcmc.ros.running import run_node
@@ -230,9 +231,7 @@ class RefineServer(ManagedNode):
             **(self.corrected.values() if self.corrected else {}),
             'working': self.working,
             'state': status.state,
-            'scans sampled': status.scans,
-            'rays': status.rays,
-            'memory (MB)': f'{status.n_bytes / 1e6:.1f}',
+            **window_values(status),
             **progress_values(status.progress),
             **sensor_values(status.sensor),
             **no_return_values(status.no_return, self.sampler.window.no_return),

@@ -69,7 +69,7 @@ side by side on a busy machine: scene cut at 4 sigma 12.2 ms (before 13.3), Inte
 
 Tried: inner functions as they were took 25 ms on the scene, because Numba counted references in
 them (see `borrowed_arrays`), and one loop for each source of rays took minutes to compile.
-Not done: rays that say the same twice are not merged yet.
+Beams that run along together are one ray where that is wanted, see `ray_merging`.
 
 Design note: how far to trust a standard error
 ----------------------------------------------

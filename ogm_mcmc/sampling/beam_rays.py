@@ -26,6 +26,9 @@ RIM = 1e-6
 class BeamRays(NamedTuple):
     """N rays (all arrays (N,)): sensor cell `column`, `row`, the sensor in it at `x`, `y`;
     direction `ux`, `uy`; `length` in cells; `reading` and `reach` in m, reading inf for none.
+
+    Lines alone, which say nothing yet, have readings nan and in `reach` from where on the
+    likelihoods that come will vary.
     """  # noqa: D205
 
     column: AnyArray
@@ -111,10 +114,15 @@ def most_near_cells(rays: BeamRays, model: ForwardModel, resolution: float) -> A
     """Return how many cells there are at most from where each ray's likelihood is not level."""
     if not rays.length.size:
         return np.zeros(0, np.int64)
-    reach = float(rays.reach.max())
-    level_ends = max(reach - near_from(model, reading, reach)[1] for reading in (reach, np.inf))
-    near_to = np.minimum(rays.reading, rays.reach)
-    length = (level_ends + np.maximum(rays.length * resolution - near_to, 0.0)) / resolution
+    if np.isnan(rays.reading).any():
+        length = rays.length - np.maximum(rays.reach, 0.0) / resolution
+    else:
+        reach = float(rays.reach.max())
+        level_ends = max(
+            reach - near_from(model, reading, reach)[1] for reading in (reach, np.inf)
+        )
+        near_to = np.minimum(rays.reading, rays.reach)
+        length = (level_ends + np.maximum(rays.length * resolution - near_to, 0.0)) / resolution
     with np.errstate(invalid='ignore'):
         cells = (length + 1.5) * (np.abs(rays.ux) + np.abs(rays.uy)) + 3.0
     most: AnyArray = np.minimum(cells, 2.0**40).astype(np.int64)

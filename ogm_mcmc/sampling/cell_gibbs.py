@@ -10,7 +10,7 @@ from numpy.random import Generator
 from ogm_mcmc.arrays import AnyArray, BoolArray, Float32Array, UInt8Array
 from ogm_mcmc.errors import GridError, require
 from ogm_mcmc.sampling.gibbs_kernels import find_first_hits, sweep_cells
-from ogm_mcmc.sampling.informed import arrival, telling_cells
+from ogm_mcmc.sampling.informed import arrival
 from ogm_mcmc.sampling.ray_index import RayIndex
 
 __all__ = [
@@ -85,7 +85,7 @@ def draw_cells(
 class IndexedModel:
     """What models share that have all rays of a window in one index.
 
-    `touched` (C,) int32: the cells that are sampled; `telling`: see `informed.telling_cells`.
+    `touched` (C,) int32: the cells that are sampled; `telling`: see `RayIndex`.
     """
 
     index: RayIndex
@@ -99,7 +99,8 @@ class IndexedModel:
 
     def log_likelihood(self, state: GibbsState) -> float:
         """Log p(z | m, x), nats."""
-        return float(state.records.view(np.float32)[:, 1].sum(dtype=np.float64))
+        said = float(state.records.view(np.float32)[:, 1].sum(dtype=np.float64))
+        return said + float(self.index.left_out[0])
 
     def arrival(self, probability: Float32Array, least: float) -> Float32Array:
         """Return (K,) the chance that a ray arrives at a cell; see `informed.arrival`."""
@@ -128,7 +129,7 @@ class CellModel(IndexedModel):
         self.prior_log_odds = float(prior_log_odds)
         self.order = order
         self.touched = index.touched()
-        self.telling = telling_cells(index)
+        self.telling = index.telling
         self.ceiling = highest_probability(index, self.prior_log_odds)
         even = (self.touched // width + self.touched % width) % 2 == 0
         self._checkered = np.concatenate((self.touched[even], self.touched[~even]))

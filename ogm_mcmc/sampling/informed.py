@@ -24,32 +24,13 @@ from __future__ import annotations
 import numpy as np
 
 from ogm_mcmc.arrays import AnyArray, BoolArray, Float32Array
-from ogm_mcmc.sampling.informed_kernels import count_telling, mark_arrivals
+from ogm_mcmc.sampling.informed_kernels import mark_arrivals
 from ogm_mcmc.sampling.ray_index import RayIndex
 from ogm_mcmc.sampling.ray_index_kernels import WIDTH
 
-__all__ = ['TELLING', 'arrival', 'known_cells', 'near', 'telling_cells']
+__all__ = ['arrival', 'known_cells', 'near']
 
 FREE_BELOW = 0.5
-
-TELLING = 0.5
-"""Nats: a ray tells something of a cell that makes a difference of more than this to it."""
-
-
-def telling_cells(
-    index: RayIndex, least: float = TELLING, known: AnyArray | None = None
-) -> AnyArray:
-    """Return how many places of each ray (N,) int32, from its first on, it tells anything of.
-
-    The others lie so far behind its reading that to end there is as good as not to end at all.
-    `known`: those of the first rays, which need not be looked at again.
-    """
-    telling = np.empty(index.n_rays, np.int32)
-    first_ray = 0 if known is None else known.size
-    telling[:first_ray] = known if known is not None else 0
-    lists = index.lists, index.listed(), index.near
-    count_telling(index.rays, *lists, index.grid[WIDTH], least, first_ray, telling)
-    return telling
 
 
 def arrival(
@@ -57,6 +38,7 @@ def arrival(
 ) -> Float32Array:
     """Return (K,) the largest chance that a ray with something to tell arrives at a cell.
 
+    telling      (N,) int32, see `RayIndex`
     probability  (K,) float32 of being occupied; cells count as independent along a ray. With 0
                  everywhere: 1 in all cells that rays could tell of, 0 in the others
     Chances below `least` count as 0.

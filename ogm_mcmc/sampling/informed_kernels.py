@@ -3,55 +3,22 @@
 import numpy as np
 from numba import njit
 
-from ogm_mcmc.sampling.ray_index_kernels import NEAR
 from ogm_mcmc.sampling.ray_line_kernels import (
     BORDER,
-    LEVEL,
     LOW_16,
     RIGHTWARDS,
     SHAPE,
     SLOPE,
     START,
-    UNSEEN,
     UPWARDS,
     first_place,
     place_of,
-    places_of,
     row_of_ray,
 )
 
 # Cells that are less likely occupied do not stop a ray. Hundreds of them would as independent
 # ones; but the reading at its end says of all together that they are free.
 DUST = np.float32(0.1)
-
-
-@njit(cache=True, nogil=True)
-def count_telling(rays, lists, listed, near, width, least, first_ray, telling):
-    """Fill `telling` (N,) from `first_ray` on: how many places of each ray tell anything.
-
-    The last of them is one whose likelihood differs by more than `least` nats from that of a ray
-    on which nothing is occupied.
-    listed  (S,) int32: the cells that have lists
-    """
-    ray_bits, near_bits = rays.view(np.float32), near.view(np.float32)
-    for ray in range(first_ray, telling.size):
-        telling[ray] = 0
-        if abs(ray_bits[ray, LEVEL] - ray_bits[ray, UNSEEN]) > least:
-            shape = rays[ray, SHAPE]
-            telling[ray] = min((shape >> 32) & LOW_16, places_of(shape))
-    for number in range(listed.size):
-        row = listed[number] // width
-        column = listed[number] - row * width
-        # Codes rise: rays that were added stand at the end.
-        for i in range(lists[number + 1, NEAR] - 1, lists[number, NEAR] - 1, -1):
-            code = near[i, 0]
-            ray = code >> 2
-            if ray < first_ray:
-                break
-            if abs(near_bits[i, 1] - ray_bits[ray, UNSEEN]) > least:
-                first = first_place(rays[ray, START], rays[ray, SHAPE])
-                place = place_of(code, column, row) - first + 1
-                telling[ray] = max(telling[ray], place)
 
 
 @njit(cache=True, nogil=True)

@@ -98,7 +98,6 @@ from numpy.random import Generator
 from ogm_mcmc.arrays import AnyArray, BoolArray, UInt8Array
 from ogm_mcmc.errors import GridError, WindowError, require
 from ogm_mcmc.sampling.cell_gibbs import GibbsState, IndexedModel, first_hits
-from ogm_mcmc.sampling.informed import telling_cells
 from ogm_mcmc.sampling.patch_gibbs_kernels import sweep_patches
 from ogm_mcmc.sampling.patch_patterns import ring_cells
 from ogm_mcmc.sampling.patch_places import PatchPlaces, focused, patch_places, told_cells, turn
@@ -152,13 +151,14 @@ class PatchModel(IndexedModel):
                 f'window of {width} x {self.height} cells: expected at least {side + 2} x '
                 f'{side + 2} for patches of {side} x {side} and their border'
             )
-        # A window that grows looks at its new rays only.
-        told, telling = known or (np.zeros(index.n_cells, np.bool_), None)
-        self.telling = telling_cells(index, known=telling)
+        # A window that grows looks at the rays that are new or tell more, only.
+        told, telling = known or (np.zeros(index.n_cells, np.bool_), np.empty(0, np.int32))
+        self.telling = index.telling.copy()  # that of the index may change
         self.told = told
         if margin is not None:
-            n_known = 0 if telling is None else telling.size
-            self.told = told | told_cells(index, self.telling, n_known)
+            more = self.telling > 0
+            more[: telling.size] = self.telling[: telling.size] > telling
+            self.told = told | told_cells(index, self.telling, np.flatnonzero(more))
         self._places = patch_places(index, self.told, width, side, margin)
         self.touched = self._places.touched
         if self.touched.size == 0:

@@ -85,11 +85,11 @@ class _Tilings(Sequence[AnyArray]):
         return found
 
 
-def told_cells(index: RayIndex, telling: AnyArray, first_ray: int = 0) -> BoolArray:
-    """Return which cells (K,) the rays from `first_ray` on tell of; `telling`: of all rays."""
+def told_cells(index: RayIndex, telling: AnyArray, rays: AnyArray) -> BoolArray:
+    """Return which cells (K,) the `rays` with these numbers tell of; `telling`: of all rays."""
     nothing = np.zeros(index.n_cells, np.float32)
-    some = index._replace(rays=index.rays[first_ray:])
-    told: BoolArray = arrival(some, telling[first_ray:], nothing) > 0.0
+    some = index._replace(rays=index.rays[rays])
+    told: BoolArray = arrival(some, telling[rays], nothing) > 0.0
     return told
 
 

@@ -32,6 +32,7 @@ from ogm_mcmc.sampling.ray_index_kernels import (
     WIDTH,
 )
 from ogm_mcmc.sampling.ray_line_kernels import BORDER, START
+from ogm_mcmc.sampling.ray_merging_kernels import add_beams
 from ogm_mcmc.sensors.forward_model import ForwardModel
 
 if TYPE_CHECKING:
@@ -53,11 +54,18 @@ def extended(
     beams: Callable[[], Iterator[BeamRays]],
     n_more: int,
     model: ForwardModel,
+    added: Callable[[], Iterator[tuple[BeamRays, AnyArray]]] = lambda: iter(()),
 ) -> RayIndex:
     """Return the index with `n_more` rays in a window that covers the old one; uses up `index`.
 
     `beams` yields the new rays, a block at a time, in cells of the new window; it is called twice.
+    `added` yields beams that say more of rays, new or old, and the numbers (n,) of these.
     """
+    if n_more == 0 and old == new:
+        index = _with_more_said(index, added, new, model)
+        if not ((index.gain > FULL_FROM) & (index.full == 0)).any():
+            return index
+        added = lambda: iter(())  # noqa: E731
     n_old, n_cells = index.n_rays, new.width * new.height
     if n_old + n_more >= MOST_RAYS:
         raise WindowError(f'{n_old + n_more} rays: expected fewer than {MOST_RAYS}')
@@ -87,21 +95,43 @@ def extended(
     near = _grown(index.near, int(lists[-1, NEAR]))
     spread(before, where_old, lists[:, NEAR].astype(np.int64), near)
     gain = _at(index.gain, where_old, cells.size)
+    telling = _grown(index.telling, n_old + n_more)
     at = n_old
     for block in beams():
-        file_near(block, model, new.resolution_m, at, rays, marks, next_near, near, gain, grid)
+        file_near(
+            block, model, new.resolution_m, at, rays, marks, next_near, near, gain, telling, grid
+        )
         at += block.length.size
     del next_near
+    filed = index._replace(
+        rays=rays, marks=marks, lists=lists, gain=gain, near=near, telling=telling, grid=grid
+    )
+    _with_more_said(filed, added, new, model)
     full = _at(index.full, where_old, cells.size)
     becoming = np.flatnonzero((gain > FULL_FROM) & (full == 0))
     full[becoming] = 1
-    kept = index._replace(
-        rays=rays, marks=marks, lists=lists, full=full, gain=gain, near=near, grid=grid,
+    kept = filed._replace(
+        full=full,
         tiles=_moved_tiles(index.tiles, old, new),
         crossed=_moved_bits(index, old, new),
     )  # fmt: skip
     before = index.lists[:, FRONT].astype(np.int64)
     return _with_front(kept, n_old, before, where_old, becoming, cells)
+
+
+def _with_more_said(
+    index: RayIndex,
+    added: Callable[[], Iterator[tuple[BeamRays, AnyArray]]],
+    spec: GridSpec,
+    model: ForwardModel,
+) -> RayIndex:
+    """Add beams to rays, in place; return the same index."""
+    for block, numbers in added():
+        index.left_out[0] += add_beams(
+            block, numbers, model, spec.resolution_m, index.rays, index.marks, index.lists,
+            index.near, index.gain, index.telling, index.grid,
+        )  # fmt: skip
+    return index
 
 
 def assembled(

@@ -45,6 +45,9 @@ MOST_IN_CELL = 1.5
 
 LONGEST_RUN = 255
 
+# Nats: a ray tells something of a cell that makes a difference of more than this to it.
+TELLING = 0.5
+
 
 @njit(cache=True, nogil=True, inline='always')
 def per_unit(direction):
@@ -139,7 +142,10 @@ def near_cells(rays, n, ray, nearest, resolution, depth, columns, rows, distance
 
 @njit(cache=True, nogil=True)
 def lay_rays(beams, model, resolution, width, rays, counts):
-    """Fill `rays` (n, 5) from n beams, and count in `counts` (K,) int32 their near cells."""
+    """Fill `rays` (n, 5) from n beams, and count in `counts` (K,) int32 their near cells.
+
+    A beam with reading nan is a line alone: it says nothing yet, and is near from its reach on.
+    """
     ray_bits = rays.view(np.float32)
     longest = longest_ray(beams.length)
     columns, rows = np.empty(longest, np.int64), np.empty(longest, np.int64)
@@ -151,9 +157,12 @@ def lay_rays(beams, model, resolution, width, rays, counts):
         end_x, end_y = x + length * beams.ux[n], y + length * beams.uy[n]
         plan_ray(np.int64(beams.column[n]), np.int64(beams.row[n]), x, y, end_x, end_y, plan)
         lay_ray(plan, end_y < y, rays[n])
-        level, nearest = near_from(model, reading, reach)
+        level, nearest, unseen = 0.0, reach, 0.0
+        if not math.isnan(reading):
+            level, nearest = near_from(model, reading, reach)
+            unseen = unseen_log_likelihood(model, reading, reach, length * resolution)
         ray_bits[n, LEVEL] = level
-        ray_bits[n, UNSEEN] = unseen_log_likelihood(model, reading, reach, length * resolution)
+        ray_bits[n, UNSEEN] = unseen
         count = near_cells(
             beams, n, rays[n], nearest, resolution, model.depth, columns, rows, distances
         )
@@ -167,12 +176,14 @@ def lay_rays(beams, model, resolution, width, rays, counts):
 
 
 @njit(cache=True, nogil=True)
-def file_near(beams, model, resolution, first_ray, rays, marks, next_pair, near, gain, grid):
+def file_near(
+    beams, model, resolution, first_ray, rays, marks, next_pair, near, gain, telling, grid
+):  # fmt: skip
     """Enter beams, the rays from `first_ray` on, in the lists of the cells they are near to.
 
     next_pair  (S,) int32, in and out: where the next pair of each list goes
     Adds to `gain` (S,) what each pair can at most add to the log-odds of its cell: the likelihood
-    of ending there less the lowest of what lies behind.
+    of ending there less the lowest of what lies behind. Fills `telling` (N,) int32.
     """
     near_bits = near.view(np.float32)
     ray_bits = rays.view(np.float32)
@@ -182,14 +193,18 @@ def file_near(beams, model, resolution, first_ray, rays, marks, next_pair, near,
     for n in range(beams.length.size):
         ray = first_ray + n
         reading, reach = beams.reading[n], beams.reach[n]
-        level, nearest = near_from(model, reading, reach)
-        _, varies = level_log_likelihood(model, reading, reach)
-        near_to = min(reading, reach)
+        level, nearest, varies, near_to = 0.0, reach, 0.0, 0.0
+        if not math.isnan(reading):
+            level, nearest = near_from(model, reading, reach)
+            _, varies = level_log_likelihood(model, reading, reach)
+            near_to = min(reading, reach)
         count = near_cells(
             beams, n, rays[ray], nearest, resolution, model.depth, columns, rows, distances
         )
-        code = np.int32((ray << 2) | ((rays[ray, SHAPE] >> 48) & 3))
-        lowest = ray_bits[ray, UNSEEN]
+        start, shape = rays[ray, START], rays[ray, SHAPE]
+        code = np.int32((ray << 2) | ((shape >> 48) & 3))
+        unseen = ray_bits[ray, UNSEEN]
+        lowest, last = unseen, -1
         for p in range(count - 1, -1, -1):
             value = np.float32(level)
             if abs(distances[p] - near_to) < varies:
@@ -199,10 +214,18 @@ def file_near(beams, model, resolution, first_ray, rays, marks, next_pair, near,
             next_pair[number] = i + 1
             near[i, 0] = code
             near_bits[i, 1] = value
+            if last < 0 and abs(value - unseen) > TELLING:
+                last = p
             if value > lowest:
                 gain[number] = sum_rounded_up(gain[number], np.float64(value) - lowest)
             else:
                 lowest = value
+        telling[ray] = 0
+        if last >= 0:
+            place = np.int64(place_of(code, columns[last], rows[last]))
+            telling[ray] = place - first_place(start, shape) + 1
+        elif abs(ray_bits[ray, LEVEL] - unseen) > TELLING:
+            telling[ray] = min((shape >> 32) & LOW_16, places_of(shape))
 
 
 @njit(cache=True, nogil=True)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from ogm_mcmc.arrays import AnyArray, BoolArray, Float32Array
+from ogm_mcmc.arrays import AnyArray, BoolArray, Float32Array, Float64Array
 from ogm_mcmc.config import ForwardModelConfig, WindowConfig
 from ogm_mcmc.errors import WindowError
 from ogm_mcmc.geometry import CellBox, GridSpec, PlacedScan
@@ -18,6 +18,7 @@ from ogm_mcmc.sampling.beam_rays import (
     most_near_cells,
     rays_of_scan,
 )
+from ogm_mcmc.sampling.ray_batch import Batch, in_blocks
 from ogm_mcmc.sampling.ray_filing import extended
 from ogm_mcmc.sampling.ray_index_kernels import CELLS, GRID_SIZE, NEAR, PAIRS, WIDTH, list_of
 from ogm_mcmc.sampling.ray_line_kernels import (
@@ -28,6 +29,7 @@ from ogm_mcmc.sampling.ray_line_kernels import (
     cells_of_ray,
     places_of,
 )
+from ogm_mcmc.sampling.ray_merging import Joining, Places
 from ogm_mcmc.sensors.forward_model import ForwardModel
 
 __all__ = ['BeamRays', 'RayIndex', 'RayWindow', 'WindowSize']
@@ -50,6 +52,9 @@ class RayIndex(NamedTuple):
     to be looked through.
     `crossed` (ceil(K / 8),) uint8: a bit for each cell that a ray crosses. `grid` (7,) int64: the
     width and other numbers, see `ogm_mcmc.sampling.ray_index_kernels`.
+    `telling` (N,) int32: how many places of each ray, from its first on, it tells anything of; to
+    end at the others is as good as not to end at all. `left_out` (1,) float64: nats that the
+    log-likelihoods of rays of several beams leave out (see `ogm_mcmc.sampling.ray_merging`).
     """
 
     rays: AnyArray
@@ -64,6 +69,8 @@ class RayIndex(NamedTuple):
     run_lengths: AnyArray
     crossed: AnyArray
     grid: AnyArray
+    telling: AnyArray
+    left_out: Float64Array
 
     @property
     def n_rays(self) -> int:
@@ -175,13 +182,6 @@ class WindowSize(NamedTuple):
         return 40 * self.rays + 8 * self.near + lists + in_front + self.box.n_cells // 2
 
 
-# Rays that are cast at a time.
-BLOCK = 8_000
-
-# Rays that are cast once and held while they are filed, 72 bytes each; others are cast again.
-MOST_HELD = 200_000
-
-
 class RayWindow:
     """Recorded scans as an index of rays that can grow.
 
@@ -191,6 +191,9 @@ class RayWindow:
     With `limits`, a box of lattice cells, the window is that box. A beam that leaves it says that
     nothing is on its way up to there, like one that is longer than the sensor reaches; sensors
     outside are left out.
+
+    With `merge` beams that run along together are one ray, see `ogm_mcmc.sampling.ray_merging`;
+    without it each beam is a ray, in the order of scans and beams.
     """
 
     def __init__(
@@ -200,6 +203,7 @@ class RayWindow:
         *,
         margin: int = 0,
         limits: CellBox | None = None,
+        merge: bool = False,
     ) -> None:
         self.config = config
         self.margin = margin  # cells beyond all rays that belong to the window, too
@@ -208,29 +212,57 @@ class RayWindow:
         self.model = ForwardModel.from_config(model)
         self.spec = GridSpec(config.resolution, 1, 1)
         self.index = _empty_index()
+        self.n_beams = 0  # of all rays
         self._size = WindowSize(0, 0, CellBox(0, 0, 0, 0))
+        self._merge = merge
+        self._places: Places = {}
+
+    @property
+    def n_merged(self) -> int:
+        """Beams that were added to the ray of another one."""
+        return self.n_beams - self.index.n_rays
 
     def add(self, placed: Iterable[PlacedScan]) -> int:
-        """Add scans, each at the mean of its belief; return the number of new rays.
+        """Add scans, each at the mean of its belief; return the number of beams.
 
         Raises GridError for a ray that is too long, WindowError when the memory limit would be
         passed; nothing has changed then.
         """
         scans = list(placed)
-        more, held = self._sizes_and_rays(scans)
-        if more.rays == 0:
+        joining = self._joining(scans)
+        batch = Batch(scans, self._cast, joining)
+        if batch.n_beams == 0:
             return 0
+        more = WindowSize(0, 0, CellBox(0, 0, 0, 0))
+        for rays in batch.rays():
+            more = more.with_more(self._size_of(rays))
         size = self._size.with_more(more)
         spec = self.spec.windowed(size.box if self.limits is None else self.limits)
         self._check_memory(size._replace(box=spec.box))
 
-        def beams() -> Iterator[BeamRays]:
-            for block in self._blocks(scans, held):
-                yield block._replace(column=block.column - spec.column0, row=block.row - spec.row0)
+        def here(rays: BeamRays) -> BeamRays:
+            return rays._replace(column=rays.column - spec.column0, row=rays.row - spec.row0)
 
-        self.index = extended(self.index, self.spec, spec, beams, more.rays, self.model)
+        self.index = extended(
+            self.index,
+            self.spec,
+            spec,
+            lambda: map(here, in_blocks(batch.rays())),
+            more.rays,
+            self.model,
+            lambda: ((here(rays), numbers) for rays, numbers in batch.more_said()),
+        )
         self.spec, self._size = spec, size
-        return more.rays
+        self.n_beams += batch.n_beams
+        if joining is not None:
+            self._places.update(joining.places)
+        return batch.n_beams
+
+    def _joining(self, scans: Sequence[PlacedScan]) -> Joining | None:
+        if not self._merge:
+            return None
+        n_rays, resolution = self.index.n_rays, self.config.resolution
+        return Joining(self._places, n_rays, scans, self._cast, self.model, resolution)
 
     def size_of(self, placed: PlacedScan) -> WindowSize:
         """Return what a scan adds to a window; raises GridError for a ray that is too long."""
@@ -247,29 +279,12 @@ class RayWindow:
             rays = limited(rays, self.limits, self.config.resolution)
         return rays
 
-    def _blocks(self, scans: Sequence[PlacedScan], held: Sequence[BeamRays]) -> Iterator[BeamRays]:
-        """Yield the rays of a few scans at a time; `held` are those of the first ones."""
-        parts: list[BeamRays] = []
-        for i, scan in enumerate(scans):
-            parts.append(held[i] if i < len(held) else self._cast(scan))
-            if sum(part.length.size for part in parts) >= BLOCK or i + 1 == len(scans):
-                yield BeamRays(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
-                parts = []
-
     def sum_of_sizes(self, scans: Sequence[PlacedScan]) -> WindowSize:
-        """Return what scans add to a window; raises GridError for a ray that is too long."""
-        return self._sizes_and_rays(scans)[0]
-
-    def _sizes_and_rays(self, scans: Sequence[PlacedScan]) -> tuple[WindowSize, list[BeamRays]]:
-        """Return the size of all scans, and the rays of as many of the first as may be held."""
+        """Return what scans add at most to a window; raises GridError for a ray too long."""
         size = WindowSize(0, 0, CellBox(0, 0, 0, 0))
-        held: list[BeamRays] = []
         for scan in scans:
-            rays = self._cast(scan)
-            size = size.with_more(self._size_of(rays))
-            if size.rays <= MOST_HELD:
-                held.append(rays)
-        return size, held
+            size = size.with_more(self._size_of(self._cast(scan)))
+        return size
 
     def _size_of(self, rays: BeamRays) -> WindowSize:
         if rays.length.size == 0:
@@ -314,4 +329,6 @@ def _empty_index() -> RayIndex:
         run_lengths=np.empty(0, np.uint8),
         crossed=np.zeros(1, np.uint8),
         grid=grid,
+        telling=np.empty(0, np.int32),
+        left_out=np.zeros(1),
     )

@@ -12,7 +12,6 @@ from ogm_mcmc.config import ForwardModelConfig, WindowConfig
 from ogm_mcmc.errors import WindowError
 from ogm_mcmc.geometry import CellBox, GridSpec, PlacedScan
 from ogm_mcmc.sampling.beam_rays import BeamRays, rays_of_scan
-from ogm_mcmc.sampling.informed import telling_cells
 from ogm_mcmc.sampling.informed_kernels import mark_arrivals
 from ogm_mcmc.sampling.ray_filing import assembled, extended
 from ogm_mcmc.sampling.ray_filing_kernels import lay_rays
@@ -225,7 +224,7 @@ def _part(
         np.diff(begins),
         along[: begins[-1]].copy(),
         index.rays.view(np.float32)[kept, UNSEEN],
-        telling_cells(index)[kept],
+        index.telling[kept],
         (row * columns.size + column)[inside].astype(np.int32),
         counts[inside],
         index.gain[inside],

@@ -179,6 +179,26 @@ def test_only_what_moves_by_a_quarter_of_a_cell_is_placed_anew(step, moves):
     assert (found.moved == 1) == moves == (found.scans[0] is not scan)
 
 
+def test_a_robot_that_stood_stands_in_one_place_afterwards():
+    """From 10 to 20 s it stood; what is wrong by then grows from node to node all the same."""
+
+    def said(t):
+        return Pose2D(min(t, 10.0) + max(t - 20.0, 0.0), 0.0, 0.0)
+
+    corrector = Corrector()
+    scans = [PlacedScan.at(fan(2.0, stamp_ns=t * S), said(t)) for t in range(31)]
+    for scan in scans:
+        corrector.note(scan)
+    nodes = nodes_of(lambda t: said(t).compose(Pose2D(0.0, 0.1 * t, 0.0)), range(0, 31, 5))
+    found = corrector.applied(scans, nodes, 0.05).scans
+    assert found[10].pose.y_m == pytest.approx(1.0)
+    assert {scan.pose for scan in found[10:21]} == {found[10].pose}
+    assert len({scan.pose for scan in found}) == 21
+    # One that stood before the first node is placed by the first scan that nodes cover.
+    late = corrector.applied(scans, nodes_of(said, [15, 25]), 0.05)
+    assert late.covered == 11
+
+
 def test_particles_are_carried_along_as_one_body():
     rng = np.random.default_rng(0)
     samples = PoseSamples.checked(rng.normal(size=(50, 3)) * 0.1 + (1.0, 2.0, 2.0))

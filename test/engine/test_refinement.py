@@ -126,6 +126,17 @@ def test_a_window_that_grew_draws_what_one_built_at_once_draws(patch):
     assert 0 < sum(draws[0][2][0]) < len(draws[0][2][0])
 
 
+def test_beams_of_a_robot_that_stands_are_merged_and_counted():
+    """In a window that grows, too: the same cells, so that a saved state fits."""
+    again = scan_at(0.13, 0.22, 1.0, 1.5, 2.3, 2.0)
+    grown, whole = taken(FIRST), taken(FIRST, again, SECOND)
+    assert grown.size.n_merged == 0
+    assert grown.take([FIRST, again, SECOND]) == whole.size.n_rays == 11
+    assert (grown.size.n_merged, whole.size.n_merged) == (3, 4)
+    assert whole.window.index.n_rays == 11 - 4
+    assert grown.sampler.model.touched.tolist() == whole.sampler.model.touched.tolist()
+
+
 def test_scans_that_went_build_the_window_anew():
     refinement = taken(FIRST, SECOND)
     refinement.take([SECOND, THIRD])

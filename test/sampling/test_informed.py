@@ -10,7 +10,7 @@ from support.strategies import fan
 from ogm_mcmc.config import ForwardModelConfig, WindowConfig
 from ogm_mcmc.geometry import CellBox, PlacedScan, Pose2D
 from ogm_mcmc.sampling import RayWindow
-from ogm_mcmc.sampling.informed import arrival, known_cells, near, telling_cells
+from ogm_mcmc.sampling.informed import arrival, known_cells, near
 
 
 def window_of(*ranges, bearing=0.0, increment=0.4, **model):
@@ -31,18 +31,17 @@ def test_a_beam_tells_nothing_far_behind_its_reading():
     density = [0.9 * math.exp(-2.0 * d * d) / (0.5 * math.sqrt(2.0 * math.pi)) for d in range(9)]
     gain = [math.log1p(p / (0.05 / 12.0)) for p in density]
     expected = 5 + max(d for d in range(9) if gain[d] > 0.5) + 1
-    assert telling_cells(index).tolist() == [expected]
-    assert telling_cells(index, 0.0).tolist() == [9]
+    assert index.telling.tolist() == [expected]
 
 
 def test_a_beam_that_returns_nothing_tells_of_all_its_cells():
     index = window_of(math.inf).index
-    assert telling_cells(index).tolist() == [index.n_pairs]
+    assert index.telling.tolist() == [index.n_pairs]
 
 
 def test_arrival_is_the_product_of_what_is_free_before():
     index = window_of(5.0, math.inf, 3.2, bearing=-0.4).index
-    telling = telling_cells(index)
+    telling = index.telling
     p = np.random.default_rng(1).random(index.n_cells).astype(np.float32) * np.float32(0.4)
     p[4 * 14 + 2] = 1.0
     expected = np.zeros(index.n_cells)

@@ -9,7 +9,7 @@ from support.strategies import fan
 from ogm_mcmc.config import ForwardModelConfig, WindowConfig
 from ogm_mcmc.geometry import CellBox, PlacedScan, Pose2D
 from ogm_mcmc.sampling import RayWindow
-from ogm_mcmc.sampling.informed import arrival, near, telling_cells
+from ogm_mcmc.sampling.informed import arrival, near
 from ogm_mcmc.sampling.patch_places import DULL_TURNS, focused, patch_places, told_cells, turn
 
 WIDTH, HEIGHT = 40, 30
@@ -29,18 +29,18 @@ def index():
 
 
 def told_by(index):
-    return told_cells(index, telling_cells(index))
+    return told_cells(index, index.telling, np.arange(index.n_rays))
 
 
 def test_what_rays_tell_of_is_what_each_of_them_tells_of(index):
-    telling, whole = telling_cells(index), told_by(index)
+    telling, whole = index.telling, told_by(index)
     for first in (0, 1, 17, 40):
-        later = told_cells(index, telling, first)
+        later = told_cells(index, telling, np.arange(first, 40))
         nothing = np.zeros(index.n_cells, np.float32)
         earlier = arrival(index._replace(rays=index.rays[:first]), telling[:first], nothing) > 0.0
         assert np.array_equal(later | earlier, whole)
     assert whole.any()
-    assert not told_cells(index, telling, 40).any()
+    assert not told_cells(index, telling, np.arange(0)).any()
 
 
 @pytest.mark.parametrize('side', [1, 3, 5])
@@ -66,7 +66,7 @@ def test_every_tiling_has_each_patch_once(index, side, margin):
 
 
 def test_only_the_band_around_what_rays_tell_of_is_sampled(index):
-    telling = telling_cells(index)
+    telling = index.telling
     told = arrival(index, telling, np.zeros(index.n_cells, np.float32)) > 0.0
     places = patch_places(index, told, WIDTH, 3, 4)
     band = near(told.reshape(HEIGHT, WIDTH), 4)

@@ -1,0 +1,112 @@
+"""Kernels that add what more beams say to rays of an index; see `ray_merging`."""
+
+import numpy as np
+from numba import njit
+
+from ogm_mcmc.geometry.traversal_kernels import PLAN_SIZE, plan_ray
+from ogm_mcmc.sampling.ray_filing_kernels import (
+    TELLING,
+    longest_ray,
+    near_cells,
+    near_from,
+    sum_rounded_up,
+)
+from ogm_mcmc.sampling.ray_index_kernels import NEAR, WIDTH, list_of
+from ogm_mcmc.sampling.ray_line_kernels import (
+    RAY_WORDS,
+    SHAPE,
+    START,
+    UNSEEN,
+    first_place,
+    lay_ray,
+    place_of,
+    places_of,
+)
+from ogm_mcmc.sensors.forward_model_kernels import (
+    level_log_likelihood,
+    range_log_likelihood,
+    unseen_log_likelihood,
+)
+
+
+@njit(cache=True, nogil=True)
+def nearest_of(model, readings, reaches, nearest):
+    """Fill `nearest` (n,) with from how many m on the likelihood of each beam is not level."""
+    for n in range(readings.size):
+        nearest[n] = near_from(model, readings[n], reaches[n])[1]
+
+
+@njit(cache=True, nogil=True)
+def add_beams(
+    beams, numbers, model, resolution, rays, marks, lists, near, gain, telling, grid
+):  # fmt: skip
+    """Add the log-likelihoods of beams to those of rays that run along with them; return a sum.
+
+    numbers  (n,) int64: the ray of each beam, near to all cells that the beam is near to
+    All of a beam counts from its level, and the levels (nats) are what is returned: sums of
+    many beams stay exact where they differ. Adds to `gain` and `telling` as `file_near` does.
+    """
+    near_bits, ray_bits = near.view(np.float32), rays.view(np.float32)
+    plan, own = np.empty(PLAN_SIZE, np.int64), np.empty(RAY_WORDS, np.int64)
+    levels = 0.0
+    longest = 0
+    for ray in numbers:
+        longest = max(longest, places_of(rays[ray, SHAPE]))
+    longest = max(longest, longest_ray(beams.length)) + 1
+    columns, rows = np.empty(longest, np.int64), np.empty(longest, np.int64)
+    distances = np.empty(longest)
+    for n in range(numbers.size):
+        ray = numbers[n]
+        reading, reach, length = beams.reading[n], beams.reach[n], beams.length[n]
+        x, y = beams.x[n], beams.y[n]
+        end_x, end_y = x + length * beams.ux[n], y + length * beams.uy[n]
+        plan_ray(np.int64(beams.column[n]), np.int64(beams.row[n]), x, y, end_x, end_y, plan)
+        lay_ray(plan, end_y < y, own)
+        level, nearest = near_from(model, reading, reach)
+        _, varies = level_log_likelihood(model, reading, reach)
+        near_to = min(reading, reach)
+        unseen = np.float32(unseen_log_likelihood(model, reading, reach, length * resolution))
+        start, shape = rays[ray, START], rays[ray, SHAPE]
+        first, behind = first_place(start, shape), places_of(own[SHAPE])
+        code = np.int32((ray << 2) | ((shape >> 48) & 3))
+        count = near_cells(
+            beams, n, rays[ray], nearest, resolution, model.depth, columns, rows, distances
+        )
+        lowest, before = unseen, ray_bits[ray, UNSEEN]
+        after = np.float32(before + (unseen - np.float32(level)))
+        ray_bits[ray, UNSEEN] = after
+        tells = 0
+        for p in range(count - 1, -1, -1):
+            place = np.int64(place_of(code, columns[p], rows[p])) - first
+            value = unseen
+            if place < behind:
+                value = np.float32(level)
+                if abs(distances[p] - near_to) < varies:
+                    value = np.float32(range_log_likelihood(model, reading, reach, distances[p]))
+            if tells == 0 and abs(value - unseen) > TELLING:
+                tells = place + 1
+            number = list_of(rows[p] * grid[WIDTH] + columns[p], marks)
+            low, high = np.int64(lists[number, NEAR]), np.int64(lists[number + 1, NEAR])
+            while high - low > 1:
+                middle = (low + high) >> 1
+                if near[middle, 0] <= code:
+                    low = middle
+                else:
+                    high = middle
+            old = near_bits[low, 1]
+            new = np.float32(old + (value - np.float32(level)))
+            near_bits[low, 1] = new
+            # What the beam alone can add bounds what the sum can add more, but for rounding.
+            adds = np.float64(value) - lowest
+            adds = max(adds, (np.float64(new) - after) - max(np.float64(old) - before, 0.0))
+            if adds > 0.0:
+                gain[number] = sum_rounded_up(gain[number], adds)
+            lowest, before, after = min(lowest, value), min(before, old), min(after, new)
+        if abs(np.float32(level) - unseen) > TELLING:
+            in_front = behind
+            if count > 0:
+                in_front = np.int64(place_of(code, columns[0], rows[0])) - first
+            tells = max(tells, min(in_front, behind))
+        telling[ray] = max(telling[ray], tells)
+        levels += np.float64(np.float32(level))
+    return levels
