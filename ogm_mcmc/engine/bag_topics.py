@@ -30,9 +30,9 @@ from ogm_mcmc.engine.pose_choice import (
     TF,
     PoseCandidate,
     PoseChoice,
-    choose_poses,
     tf_candidates,
 )
+from ogm_mcmc.engine.pose_motion import choose_robot_poses
 from ogm_mcmc.engine.tf_poses import TfFrames, guess_frames
 from ogm_mcmc.engine.transform_tree import TransformTree
 from ogm_mcmc.errors import BagError
@@ -181,11 +181,19 @@ def _with_poses(
         candidates = [one for one in candidates if not _is_wanted(one, choice)]
     if not wanted:
         raise BagError(_no_poses(bag, choice, seen.tree, scans[0], candidates))
-    poses = choose_poses(wanted, stamps, max_gap_s=choice.max_pose_gap_s, unwanted=candidates)
+    poses, strays = choose_robot_poses(
+        bag,
+        seen.tree,
+        stamps,
+        wanted,
+        unwanted=candidates,
+        max_gap_s=choice.max_pose_gap_s,
+        named=choice.pose_topic != '' or choice.pose_source != 'auto',
+    )
     if poses.chosen is None:
         raise BagError(f'{bag.path}: {poses}')
     source = poses.chosen.candidate
-    remarks.append(str(poses))
+    remarks += [str(poses), *strays]
     if rare := poses.rarely():
         remarks.append(rare)
     used = {source.name, *(topic.topic.name for topic in scans)}

@@ -46,7 +46,7 @@ class MountFound(NamedTuple):
     @property
     def shown(self) -> bool:
         """Whether there is anything to tell: more than a sensor in the frame of the base."""
-        return self.frame != self.base_frame or self.origin != ''
+        return self.frame != self.base_frame or self.origin == 'parameters'
 
     def __str__(self) -> str:
         """Return one line for the user."""

@@ -12,8 +12,9 @@ Among sources that cover about as many scans (nine tenths of the best) the order
    may hold anything;
 4. tf before single points on a topic, the larger coverage, then the name.
 
-What a topic calls a goal, a target or a click is no place of the robot, however often it comes:
-it is taken where nothing else covers a scan.
+What a topic calls a goal, a target or a click, what is said in the frame of a camera, and what
+does not move as the odometry does (`pose_motion`) is no place of the robot, however often it
+comes: it is taken where nothing else covers a scan, and only if it covers half of them.
 
 A localizer starts later than the wheels turn: the scans before are worth losing for a map that
 does not drift. This is why nine tenths are enough.
@@ -40,13 +41,18 @@ FILE = 'trajectory file'
 # Sources that cover this share of what the best one covers are as good.
 ABOUT_AS_MANY = 0.9
 
+# Clicks and goals alone are taken from this share on: they may be badly named.
+HALF = 0.5
+
 # Poses that come less often than this leave open how the robot went.
 DENSE_NS = NS_PER_S // 2
 
 # Parts of the names of topics with poses that are not the robot's.
+CAMERA = re.compile(r'camera|optical|(^|[/_])(cam|rgb|depth|lens)([/_0-9]|$)')
+
 ELSEWHERE = re.compile(
     r'(^|_)(goal|target|plan|path|way_?point|initial_?pose|clicked|carrot|look_?ahead|setpoint|'
-    r'reference|command|cmd|marker|landmark|tag|detection)(s?)(_|$)'
+    r'reference|command|cmd|marker|landmark|(april|aruco)?_?tag|aruco|detection)(s?)(_|$)'
 )
 
 UNCERTAIN = ('PoseWithCovarianceStamped', 'ParticleCloud', 'Odometry')
@@ -57,7 +63,7 @@ class PoseCandidate(NamedTuple):
 
     `kind`: a message type, `tf` or `trajectory file`. `frame`, `child_frame`: between which
     frames (the child may be empty). `stamps` (N,) ns of its entries, in any order; of tf one
-    array for each edge that moves.
+    array for each edge that moves. `elsewhere`: known not to be those of the robot.
     """
 
     name: str
@@ -65,6 +71,7 @@ class PoseCandidate(NamedTuple):
     frame: str
     child_frame: str
     stamps: tuple[Int64Array, ...]
+    elsewhere: bool = False
 
 
 class RankedPoses(NamedTuple):
@@ -104,6 +111,21 @@ class PoseChoice(NamedTuple):
     others: tuple[RankedPoses, ...]
     scan_stamps: Int64Array
     max_gap_s: float = 2.0
+
+    def odometry(self) -> PoseCandidate | None:
+        """Return what else tells how far the robot went: Odometry or tf, about as many scans."""
+        if self.chosen is None:
+            return None
+        enough = ABOUT_AS_MANY * self.chosen.coverage
+        return next(
+            (
+                one.candidate
+                for one in self.others
+                if one.coverage >= enough
+                and (one.candidate.kind == TF or one.candidate.kind.endswith('Odometry'))
+            ),
+            None,
+        )
 
     def rarely(self) -> str:
         """Return a warning where the poses chosen come so rarely that the way is unknown."""
@@ -150,10 +172,12 @@ def choose_poses(
     *,
     max_gap_s: float = 2.0,
     unwanted: Sequence[PoseCandidate] = (),
+    any_place: bool = False,
 ) -> PoseChoice:
     """Rank sources of poses for scans at the given stamps (S,) ns; see the module's text.
 
-    Those unwanted are named among the others only.
+    Those unwanted are named among the others only. With `any_place` what is no place of the robot
+    is taken as well, however few scans it covers: the user named it.
     """
     stamps = np.sort(scan_stamps)
     max_gap_ns = round(max_gap_s * NS_PER_S)
@@ -167,7 +191,8 @@ def choose_poses(
         more = (() if beside.chosen is None else (beside.chosen,)) + beside.others
     else:
         more = ()
-    if best == 0.0:
+    clicks = not any_place and bool(ranked) and _elsewhere(ranked[0].candidate)
+    if best == 0.0 or (clicks and ranked[0].coverage < HALF):
         return PoseChoice(None, (*ranked, *more), stamps, max_gap_s)
     return PoseChoice(ranked[0], (*ranked[1:], *more), stamps, max_gap_s)
 
@@ -212,8 +237,13 @@ def _rank(ranked: RankedPoses, best: float) -> tuple[object, ...]:
 
 
 def _elsewhere(source: PoseCandidate) -> bool:
-    name = source.name.lower().rpartition('/')[2]
-    return source.kind not in (TF, FILE) and ELSEWHERE.search(name) is not None
+    if source.kind in (TF, FILE):
+        return False
+    words = source.name.lower().strip('/').split('/')
+    # Of single poses the namespace tells as well: /apriltag/pose, /planner/plan/pose.
+    told = words[-1:] if source.kind.endswith(UNCERTAIN) else words
+    seen = CAMERA.search(source.frame.lower()) is not None
+    return source.elsewhere or seen or any(ELSEWHERE.search(word) for word in told)
 
 
 def _typical_gap(stamps: Int64Array) -> float:

@@ -55,7 +55,6 @@ def chosen(*candidates):
         (PARTICLES, TF_MAP, WAYPOINTS),
         (SLOW, ODOM),
         (POINTS, INITIAL, GOAL),
-        (INITIAL, GOAL),
     ],
 )
 def test_the_better_source_is_chosen_in_any_order(order):
