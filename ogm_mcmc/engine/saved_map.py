@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from ogm_mcmc.config import OutputConfig, flatten
+from ogm_mcmc.errors import OutputError
 from ogm_mcmc.files.output_files import replacing_set
-from ogm_mcmc.geometry import GridMap
+from ogm_mcmc.geometry import GridMap, PoseBelief
 from ogm_mcmc.io.map_files import points_file, table_file, write_map, write_tables
+from ogm_mcmc.io.tum_files import deviations_file, write_beliefs
 from ogm_mcmc.mapping import Extras, all_tables
 from ogm_mcmc.pipeline import MappingPipeline
 
-__all__ = ['MapToSave', 'replacing_map', 'saved_text']
+__all__ = ['MapToSave', 'replacing_map', 'save_refined', 'saved_text']
 
 
 def saved_text(grid_map: GridMap, path: Path) -> str:
@@ -52,3 +54,28 @@ def replacing_map(
         write_map(saved.grid_map, scratch, output, name)
         write_tables(saved.extras.tables, saved.settings, scratch, name)
         yield scratch
+
+
+def save_refined(
+    grid_map: GridMap,
+    trajectory: tuple[Sequence[int], Sequence[PoseBelief]] | None,
+    folder: Path,
+    name: str,
+    output: OutputConfig,
+) -> Path:
+    """Write a refined map, and its poses as NAME_trajectory.txt, in place of an old set.
+
+    trajectory  stamps (ns) and poses that were refined with the map
+    Returns the path of the YAML. What belongs to another map of this name goes. Raises
+    OutputError; also where nothing is known yet, so that no good map is replaced by none.
+    """
+    if not np.isfinite(grid_map.probability).any():
+        raise OutputError('nothing of the map is known yet: nothing to save; let it sample longer')
+    poses = Path(f'{name}_trajectory.txt')
+    stale = [*(table_file(name, one) for one in sorted(all_tables())), points_file(name)]
+    stale += [str(poses), str(deviations_file(poses))]
+    with replacing_set(folder, name, stale) as scratch:
+        write_map(grid_map, scratch, output, name)
+        if trajectory is not None:
+            write_beliefs(scratch / poses, *trajectory)
+    return folder / f'{name}.yaml'

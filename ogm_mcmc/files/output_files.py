@@ -41,6 +41,9 @@ __all__ = [
     'writable_folder',
 ]
 
+# Bytes; a file name may have 255, and endings such as _trajectory_deviations.csv come on top.
+LONGEST_NAME = 200
+
 LEFTOVER = re.compile(r'\.ogm_mcmc-(?P<host>[A-Za-z0-9_]*)-(?P<pid>[0-9]+)-[A-Za-z0-9_]+')
 
 
@@ -238,8 +241,9 @@ def makeable_folder(path: Path) -> Path:
 
 
 def is_plain_name(name: str) -> bool:
-    """Whether a name is that of a file, not of a path, and not hidden."""
-    return bool(name) and not name.startswith('.') and '\0' not in name and Path(name).name == name
+    """Whether a name is that of a file, not of a path, not hidden, printable and short enough."""
+    plain = name.isprintable() and not name.startswith('.') and not {'/', '\\'} & set(name)
+    return bool(name) and plain and len(os.fsencode(name)) <= LONGEST_NAME
 
 
 def checked_name(name: str) -> str:

@@ -96,8 +96,11 @@ class ParameterSet:
         return build(config, {name: self.node.get_parameter(name).value for name in names})
 
     def refused(self, changes: Iterable[Parameter]) -> SetParametersResult | None:
-        """Return why a change is refused that names a fixed parameter, None if none does."""
+        """Return why a change is refused that names a fixed parameter, or none; else None."""
         for change in changes:
+            if not self.node.has_parameter(change.name):  # what rclpy says does not name it
+                reason = f'{change.name} is not known; ros2 param list shows what is'
+                return SetParametersResult(successful=False, reason=reason)
             if change.name in self.leaves and change.name not in self.live:
                 reason = (
                     f'{change.name} is fixed at start: what was mapped, or how the node is '

@@ -7,15 +7,18 @@ from ogm_mcmc.engine.no_returns import NoReturnChoice
 from ogm_mcmc.engine.refinement import Progress
 from ogm_mcmc.engine.sensor_fit import SensorNumbers
 from ogm_mcmc.engine.worker import WorkerStatus
+from ogm_mcmc.sampling import WindowSize
 
 __all__ = [
     'disagreement',
     'no_return_values',
+    'nothing_recorded',
     'order_text',
     'progress_text',
     'progress_values',
     'sensor_values',
-    'window_values',
+    'size_refusal',
+    'status_values',
 ]
 
 
@@ -34,6 +37,26 @@ def order_text(
     else:
         start = 'begins with new chains'
     return f'sampling {scans} scans, {rays} rays, {limits}; {start}'
+
+
+def nothing_recorded(waiting: int, lost: int) -> str:
+    """Return why an order is refused: nothing was recorded, but scans wait or were dropped."""
+    return (
+        f'no scan was recorded yet: nothing to sample ({waiting} scans wait for a pose, '
+        f'{lost} messages dropped)'
+    )
+
+
+def size_refusal(scans: int, size: WindowSize, max_memory_mb: float) -> str:
+    """Return why an order is refused that says nothing or is too large; empty if it is neither."""
+    if size.rays == 0:
+        return f'no beam of {scans} scans says anything: nothing to sample'
+    if size.n_bytes > 1e6 * max_memory_mb:
+        return (
+            f'{size.rays} rays may need {size.n_bytes / 1e6:.1f} MB: expected at most '
+            f'window.max_memory_mb = {max_memory_mb:g}'
+        )
+    return ''
 
 
 def progress_text(status: WorkerStatus, stop: StopConfig) -> str:
@@ -63,13 +86,22 @@ def disagreement(status: WorkerStatus, stop: StopConfig) -> str:
     )
 
 
-def window_values(status: WorkerStatus) -> dict[str, object]:
-    """Return how much is sampled, for /diagnostics."""
+def status_values(status: WorkerStatus, no_return: str) -> dict[str, object]:
+    """Return how sampling goes, for /diagnostics.
+
+    no_return  what +inf shall mean, as asked for
+    """
     return {
+        'state': status.state,
         'scans sampled': status.scans,
         'rays': status.rays,
         'rays merged with equal ones': status.merged,
         'memory (MB)': f'{status.n_bytes / 1e6:.1f}',
+        **progress_values(status.progress),
+        **sensor_values(status.sensor),
+        **no_return_values(status.no_return, no_return),
+        'stopped because': status.stopped,
+        'last error': status.error,
     }
 
 

@@ -31,27 +31,24 @@ from ogm_mcmc.config.nodes import (
 from ogm_mcmc.engine.corrections import Corrected, Corrector, Nodes
 from ogm_mcmc.engine.recording import Recording
 from ogm_mcmc.engine.refinement import hide_uncertain
-from ogm_mcmc.engine.saved_map import saved_text
+from ogm_mcmc.engine.saved_map import save_refined, saved_text
 from ogm_mcmc.engine.warm_up import warm_up_collisions, warm_up_poses, warm_up_sampling
 from ogm_mcmc.engine.worker import RefinedMap, RefineWorker
 from ogm_mcmc.errors import OgmError
 from ogm_mcmc.files.output_files import writable_folder
 from ogm_mcmc.files.user_paths import user_path
 from ogm_mcmc.geometry import GridMap, PlacedScan
-from ogm_mcmc.io.map_files import save_map
-from ogm_mcmc.io.tum_files import write_beliefs
 from ogm_mcmc.ros.collision_answers import CollisionAnswers
 from ogm_mcmc.ros.diagnostics import DIAGNOSTICS_S, Diagnostics
 from ogm_mcmc.ros.intake_health import WELL
 from ogm_mcmc.ros.managed_node import ManagedNode
 from ogm_mcmc.ros.refine_report import (
     disagreement,
-    no_return_values,
+    nothing_recorded,
     order_text,
     progress_text,
-    progress_values,
-    sensor_values,
-    window_values,
+    size_refusal,
+    status_values,
 )
 from ogm_mcmc.ros.refined_maps import RefinedMaps
 from ogm_mcmc.ros.running import run_node
@@ -230,15 +227,9 @@ class RefineServer(ManagedNode):
             **recording.values(),
             **(self.corrected.values() if self.corrected else {}),
             'working': self.working,
-            'state': status.state,
-            **window_values(status),
-            **progress_values(status.progress),
-            **sensor_values(status.sensor),
-            **no_return_values(status.no_return, self.sampler.window.no_return),
+            **status_values(status, self.sampler.window.no_return),
             'poses': self.poses.poses,
             **correction_values(None if result is None else result.trajectory),
-            'stopped because': status.stopped,
-            'last error': status.error,
             'maps published': self.maps.map.topic.sent,
             'collision queries answered': self.collisions.answered if self.collisions else 0,
             **self.intake.problems.values(),
@@ -263,48 +254,37 @@ class RefineServer(ManagedNode):
     def on_refine(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Sample what is recorded now; the answer does not wait for anything."""
         self.recording.understand(self.worker.status.no_return)
-        recording, size = self.recording, self.recording.size
-        limit = self.sampler.window.max_memory_mb
-        if not self.active:
-            response.success, response.message = False, 'not active: activate the node first'
-        elif not self.working:
-            response.success = False
-            response.message = f'{self.compiling or "starting"}: scans are taken after that'
-        elif len(recording) == 0:
-            waiting, lost = len(self.intake.placer), self.intake.problems.all().total()
-            response.success, response.message = (
-                False,
-                f'no scan was recorded yet: nothing to sample ({waiting} scans wait for a pose, '
-                f'{lost} messages dropped)',
-            )
-        elif size.rays == 0:
-            response.success, response.message = (
-                False,
-                f'no beam of {len(recording)} scans says anything: nothing to sample',
-            )
-        elif size.n_bytes > 1e6 * limit:
-            response.success, response.message = (
-                False,
-                f'{size.rays} rays may need {size.n_bytes / 1e6:.1f} MB: expected at most '
-                f'window.max_memory_mb = {limit:g}',
-            )
-        else:
-            status = self.worker.status
-            last = disagreement(status, self._sampled_until)
-            text = order_text(
-                len(recording),
-                size.rays,
-                self.stop,
-                status.chain_sweeps,
-                bool(self.settings.state_file),
-            )
-            self._sampled_until, self._outdated = self.stop, False
-            self._until = time.monotonic() + self.stop.max_time
-            replaced = self.worker.refine(recording.snapshot(), self.stop)
-            text += ', instead of those before' if replaced else ''
-            text += f'; the last one {last}' if last else ''
-            response.success, response.message = True, text
+        refusal = self._refusal()
+        response.success, response.message = not refusal, refusal or self._sample()
         return response
+
+    def _refusal(self) -> str:
+        """Return why nothing can be sampled now; empty if it can."""
+        if not self.active:
+            return 'not active: activate the node first'
+        if not self.working:
+            return f'{self.compiling or "starting"}: scans are taken after that'
+        scans = len(self.recording)
+        if scans == 0:
+            return nothing_recorded(len(self.intake.placer), self.intake.problems.all().total())
+        return size_refusal(scans, self.recording.size, self.sampler.window.max_memory_mb)
+
+    def _sample(self) -> str:
+        """Order the recorded scans to be sampled; return what is said of it."""
+        status = self.worker.status
+        last = disagreement(status, self._sampled_until)
+        text = order_text(
+            len(self.recording),
+            self.recording.size.rays,
+            self.stop,
+            status.chain_sweeps,
+            bool(self.settings.state_file),
+        )
+        self._sampled_until, self._outdated = self.stop, False
+        self._until = time.monotonic() + self.stop.max_time
+        replaced = self.worker.refine(self.recording.snapshot(), self.stop)
+        text += ', instead of those before' if replaced else ''
+        return text + (f'; the last one {last}' if last else '')
 
     def on_stop(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """End sampling; the last map is published as soon as the sweep is over."""
@@ -339,15 +319,12 @@ class RefineServer(ManagedNode):
         grid_map = self.shown(result).cropped()
         try:
             folder = user_path(self.settings.save_directory, 'save_directory')
-            name = self.settings.save_name
-            paths = save_map(grid_map, folder, self.output, name)
-            if result.trajectory is not None:
-                stamps_ns, beliefs, _ = result.trajectory
-                write_beliefs(folder / f'{name}_trajectory.txt', stamps_ns, beliefs)
+            poses = None if result.trajectory is None else result.trajectory[:2]
+            path = save_refined(grid_map, poses, folder, self.settings.save_name, self.output)
         except OgmError as error:
             response.success, response.message = False, str(error)
         else:
-            response.success, response.message = True, saved_text(grid_map, paths['yaml'])
+            response.success, response.message = True, saved_text(grid_map, path)
             self.worker.save_state()
         return response
 

@@ -161,7 +161,7 @@ def test_messages(config):
             known = shown[~np.isnan(shown)]
             assert ((known >= 0.0) & (known <= 1.0)).all()
             outcomes['used'] += 1
-        if number:  # the first one compiles
+        if number > 9:  # the first ones compile
             assert time.process_time() - started < LONGEST_S
     assert outcomes['used'] > ROUNDS // 10
     assert outcomes['refused'] > ROUNDS // 20

@@ -1,12 +1,14 @@
 """Maps saved as a set: what belongs to another method's map of the same name does not stay."""
 
+import numpy as np
 import pytest
 from support.strategies import fan
 
 from ogm_mcmc.config import MapperConfig, OutputConfig
-from ogm_mcmc.engine.saved_map import MapToSave, replacing_map
+from ogm_mcmc.engine.saved_map import MapToSave, replacing_map, save_refined
 from ogm_mcmc.engine.tree_files import load_tree
-from ogm_mcmc.geometry import PlacedScan, Pose2D
+from ogm_mcmc.errors import OutputError
+from ogm_mcmc.geometry import GridMap, GridSpec, PlacedScan, Pose2D, PoseBelief
 from ogm_mcmc.pipeline import MappingPipeline
 
 
@@ -32,3 +34,51 @@ def test_nothing_changes_when_adding_to_a_set_fails(tmp_path):
     with pytest.raises(KeyError), replacing_map(saved('counting'), tmp_path, 'a', OutputConfig()):
         raise KeyError
     assert list(tmp_path.iterdir()) == []
+
+
+def refined(value):
+    return GridMap(GridSpec(0.1, 2, 1), np.array([[value, np.nan]], np.float32))
+
+
+def names(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+BELIEFS = [
+    PoseBelief(Pose2D(0.0, 0.0, 0.0), np.eye(3)),
+    PoseBelief(Pose2D(1.0, 0.0, 0.0), np.eye(3)),
+]
+MAP = ['a.pgm', 'a.png', 'a.yaml']
+
+
+def test_poses_refined_with_a_map_are_part_of_its_set(tmp_path):
+    path = save_refined(refined(0.9), ([0, 10**9], BELIEFS), tmp_path, 'a', OutputConfig())
+    assert path == tmp_path / 'a.yaml'
+    assert names(tmp_path) == [*MAP, 'a_trajectory.txt', 'a_trajectory_deviations.csv']
+    # A map with given poses has none; those of another map do not stay, nor do its points.
+    (tmp_path / 'a_points.csv').write_bytes(b'of another map')
+    save_refined(refined(0.9), None, tmp_path, 'a', OutputConfig())
+    assert names(tmp_path) == MAP
+
+
+def test_a_map_without_anything_known_replaces_none(tmp_path):
+    save_refined(refined(0.9), None, tmp_path, 'a', OutputConfig())
+    before = (tmp_path / 'a.pgm').read_bytes()
+    with pytest.raises(OutputError, match='nothing of the map is known yet: nothing to save'):
+        save_refined(refined(np.nan), None, tmp_path, 'a', OutputConfig())
+    assert (tmp_path / 'a.pgm').read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    'name', ['', '..', '.a', 'a/b', 'a\\b', 'a\nb', 'a\0b', 'x' * 201, '\udc80']
+)
+def test_the_name_of_a_set_is_a_plain_file_name(tmp_path, name):
+    with pytest.raises(OutputError, match='expected a file name without folders') as refused:
+        save_refined(refined(0.9), None, tmp_path, name, OutputConfig())
+    assert len(str(refused.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize('name', ['grö\u00dfe 1', '-rf', '%s', 'x' * 200])
+def test_any_printable_name_of_a_file_will_do(tmp_path, name):
+    save_refined(refined(0.9), ([0, 10**9], BELIEFS), tmp_path, name, OutputConfig())
+    assert (tmp_path / f'{name}_trajectory_deviations.csv').is_file()

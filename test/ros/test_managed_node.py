@@ -321,7 +321,7 @@ def test_a_peer_cannot_write_outside_of_the_folder(user, tmp_path):
     with NodeProcess('online_mapper', parameters=parameters) as node:
         user.drive_until_used()
         assert not user.set(save_directory=str(tmp_path)).successful
-        for name in ('../map', '/tmp/map', 'a/b', '', '..', '.hidden'):
+        for name in ('../map', '/tmp/map', 'a/b', '', '..', '.hidden', 'a\\b', 'a\nb', 'x' * 300):
             answer = user.set(save_name=name)
             assert not answer.successful, name
             assert 'expected a file name without folders' in answer.reason

@@ -177,6 +177,15 @@ def test_live_parameters_take_effect_and_others_are_refused(mapper):
     assert node.map_timer.timer_period_ns == 5_000_000_000
 
 
+def test_a_parameter_that_is_not_there_is_refused_by_its_name(mapper):
+    asked = [Parameter('step.l_ok', value=1.0)]
+    result = mapper().set_parameters_atomically(asked)  # what the services call
+    assert (result.successful, result.reason) == (
+        False,
+        'step.l_ok is not known; ros2 param list shows what is',
+    )
+
+
 def test_a_wrong_parameter_ends_the_start_in_one_line(mapper):
     with pytest.raises(ConfigError, match=r'^[^\n]*free_thresh[^\n]*$'):
         mapper(free_thresh=0.9, occupied_thresh=0.2)

@@ -1,5 +1,7 @@
 """What a user reads of a refinement: limits, progress, and by how much agreement is missed."""
 
+from types import SimpleNamespace
+
 import pytest
 
 pytest.importorskip('rclpy', reason='rclpy is not installed: no ROS tests')
@@ -8,7 +10,13 @@ from ogm_mcmc.config import StopConfig
 from ogm_mcmc.engine.refinement import Progress
 from ogm_mcmc.engine.sensor_fit import SensorNumbers, Share
 from ogm_mcmc.engine.worker import WorkerStatus
-from ogm_mcmc.ros.refine_report import disagreement, order_text, progress_text, sensor_values
+from ogm_mcmc.ros.refine_report import (
+    disagreement,
+    order_text,
+    progress_text,
+    sensor_values,
+    size_refusal,
+)
 
 STOP = StopConfig(max_time=40.0, max_sweeps=500, r_hat=1.1, agreeing_share=0.99)
 
@@ -71,3 +79,16 @@ def test_what_was_found_out_about_the_sensor():
         'clutter beams (share, two standard deviations)'
     ]
     assert sensor_values(None) == {}
+
+
+@pytest.mark.parametrize(
+    ('rays', 'n_bytes', 'expected'),
+    [
+        (0, 0, 'no beam of 3 scans says anything: nothing to sample'),
+        (9, 3_000_000, '9 rays may need 3.0 MB: expected at most window.max_memory_mb = 2'),
+        (9, 2_000_000, ''),
+    ],
+)
+def test_orders_that_say_nothing_or_are_too_large_are_refused(rays, n_bytes, expected):
+    size = SimpleNamespace(rays=rays, n_bytes=n_bytes)
+    assert size_refusal(3, size, 2.0) == expected
