@@ -255,7 +255,7 @@ class RefineServerConfig:
         _check_save_name(self.save_name)
 
 
-LEARNED = PatchConfig(prior='border', size=9, strength=1.3)
+LEARNED = PatchConfig(prior='border', size=9, strength=1.15, min_probability=0.003, max_floor=0.02)
 FITTED = ChainConfig(sensor='fitted')
 JUDGED = NodeWindowConfig()
 

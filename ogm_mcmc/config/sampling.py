@@ -200,10 +200,23 @@ class PatchConfig:
     prior_file: str = setting('', 'prior file made by learn-prior; empty: the installed one')
     strength: float = setting(
         1.0,
-        'patch, border: power that the learned probabilities are raised to; 1: as counted, which '
-        'leaves sparsely measured space full of specks',
+        'patch, border: power that the learned probabilities are raised to; 1: as counted',
         low=0.1,
         high=10.0,
+    )
+    min_probability: float = setting(
+        0.01,
+        'border: less likely patches are not told apart, which leaves sparsely measured space '
+        'full of specks if they are many',
+        low=0.0,
+        high=0.5,
+    )
+    max_floor: float = setting(
+        1.0,
+        'patch, border: what the patches that are not told apart may weigh together; 1: as '
+        'counted',
+        low=1e-12,
+        high=1.0,
     )
     order: str = setting(
         'tiled',

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
@@ -47,13 +46,9 @@ class Grown(NamedTuple):
         return told.view(np.bool_), self.model.telling
 
 
-def patch_prior(config: SamplerConfig, trimming: PatchTableConfig | None = None) -> PatchPrior:
-    """Return the prior that the settings name; `trimming` says which patterns are kept.
-
-    `trimming.strength` is not used: the strength is `config.patch.strength`.
-    Raises PriorError for a file that cannot be used.
-    """
-    return _patch_prior(config.patch, config.chain.prior, config.window.resolution, trimming)
+def patch_prior(config: SamplerConfig) -> PatchPrior:
+    """Return the prior that the settings name; PriorError for a file that cannot be used."""
+    return _patch_prior(config.patch, config.chain.prior, config.window.resolution)
 
 
 def posterior_model(
@@ -92,18 +87,20 @@ def _learned(path: Path, resolution_m: float) -> Prior:
 
 
 @lru_cache(maxsize=8)
-def _patch_prior(
-    patch: PatchConfig, cell_prior: float, resolution_m: float, trimming: PatchTableConfig | None
-) -> PatchPrior:
+def _patch_prior(patch: PatchConfig, cell_prior: float, resolution_m: float) -> PatchPrior:
     if patch.single_cells:
         return PatchPrior(None, cell_prior)
     if patch.prior == 'uniform':
-        table = make_table('uniform', patch.size, None, trimming, p_occupied=cell_prior)
+        table = make_table('uniform', patch.size, p_occupied=cell_prior)
         return PatchPrior(table, cell_prior)
-    trimming = replace(trimming or PatchTableConfig(), strength=patch.strength)
+    config = PatchTableConfig(
+        min_probability=patch.min_probability,
+        strength=patch.strength,
+        max_floor=patch.max_floor,
+    )
     file = patch.prior_file
     path = user_path(file, 'patch.prior_file', PriorError) if file else default_prior_file()
     counts = _learned(path, resolution_m).counts
     share = float(counts.cells[1] / counts.cells.sum())
-    table = make_table(patch.prior, patch.size, counts, trimming, p_occupied=cell_prior)
+    table = make_table(patch.prior, patch.size, counts, config)
     return PatchPrior(table, share)

@@ -18,7 +18,7 @@ from ogm_mcmc.config import (
     StopConfig,
     WindowConfig,
 )
-from ogm_mcmc.config.nodes import NodeWindowConfig
+from ogm_mcmc.config.nodes import NodeWindowConfig, RefineSamplerConfig
 from ogm_mcmc.engine.refinement import Recording, Refinement, hide_uncertain, live_map
 from ogm_mcmc.errors import ConfigError, GridError, WindowError
 from ogm_mcmc.geometry import GridMap, GridSpec, PlacedScan, Pose2D, PoseBelief
@@ -536,6 +536,40 @@ def test_a_refined_room_has_no_fur():
     assert shown[(out < 1.9)].all()
     assert (known.probability[out < 1.8] < 0.2).all()
     assert shown.sum() < np.isfinite(refinement.map().probability).sum()
+
+
+def hall(beams=8, side_m=8.0):
+    """Scans of few beams in an empty square hall that begins at the origin."""
+    placed = []
+    places = ((2.05, 2.05), (6.05, 2.05), (2.05, 6.05), (6.05, 6.05), (4.05, 4.05))
+    for number, (x, y) in enumerate(places):
+        first, step = 0.1 + 0.2 * number, 2.0 * math.pi / beams
+        bearings = first + step * np.arange(beams)
+        ahead, aside = np.cos(bearings), np.sin(bearings)
+        far = np.minimum(
+            np.where(ahead > 0.0, side_m - x, -x) / ahead,
+            np.where(aside > 0.0, side_m - y, -y) / aside,
+        )
+        placed.append(
+            PlacedScan.at(fan(*far, bearing=first, increment=step), Pose2D(x, y)),
+        )
+    return placed
+
+
+@pytest.mark.filterwarnings('ignore:.*prior learned at')
+def test_space_between_few_beams_does_not_fill_with_specks():
+    """Nothing stands in the hall: were patches not told apart, 5 % would be occupied by then."""
+    config = RefineSamplerConfig()
+    refinement = Refinement(
+        replace(config, window=replace(config.window, resolution=0.1, no_return='ignore'))
+    )
+    refinement.take(hall())
+    run(refinement, max_sweeps=200)
+    inside = [
+        sum(5 <= column < 75 and 5 <= row < 75 for column, row in cells)
+        for cells in maps(refinement)
+    ]
+    assert max(inside) < 0.02 * 70 * 70
 
 
 @pytest.mark.filterwarnings('ignore:.*prior learned at')
