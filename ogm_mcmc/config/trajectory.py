@@ -38,6 +38,11 @@ class TrajectoryConfig:
         'estimate one factor for all covariances that come with poses: localizers are shy or too '
         'sure of themselves',
     )
+    steps: bool = setting(
+        True,
+        'take it that a localizer errs alike from one scan to the next: this is what holds poses '
+        'where scans have few beams',
+    )
     draws: int = setting(
         40, 'trajectories drawn for the standard deviations of poses', low=2, high=10000
     )

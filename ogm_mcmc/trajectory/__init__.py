@@ -63,7 +63,8 @@ to 1 cm worse, 20 % slower. Scans' weight lowered to (held / slope)^2, poses est
 2.7 to 2.6 cm and 3.0 to 3.3 cm in two buildings, coverage no better.
 """
 
-from ogm_mcmc.trajectory.factors import Moves, PoseFactors
+from ogm_mcmc.trajectory.factors import PoseFactors
+from ogm_mcmc.trajectory.moves import Moves
 from ogm_mcmc.trajectory.points import ScanPoints
 from ogm_mcmc.trajectory.refinement import TrajectoryProgress, TrajectoryRefinement
 

@@ -1,6 +1,6 @@
 """What is known of the poses of a recording besides its ranges.
 
-p(x) = prod over k of N(x_k; mean_k, s covariance_k) * prod over odometry of N(x_a^-1 x_b; move, C)
+p(x) = prod over k of N(x_k; mean_k, s covariance_k) * prod over moves of p(x_a^-1 x_b)
 
 Localizers are shy, or too sure of themselves, as a whole: `s` is one factor for all beliefs that
 say how sure they are, estimated with the poses (`doubt`).
@@ -13,11 +13,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ogm_mcmc.arrays import AnyArray, BoolArray, Float64Array, Int64Array
+from ogm_mcmc.arrays import BoolArray, Float64Array
 from ogm_mcmc.geometry import PoseBelief
+from ogm_mcmc.trajectory.moves import Moves, jacobians
 from ogm_mcmc.trajectory.points import wrapped, xyyaw
 
-__all__ = ['Linearised', 'Moves', 'PoseFactors', 'relative_poses']
+__all__ = ['Linearised', 'PoseFactors']
 
 # Particles that agree exactly, or one particle, are no reason to believe a pose to be exact.
 LEAST_SPREAD = np.array([1e-3, 1e-3, 1e-4])
@@ -29,49 +30,17 @@ MEDIAN_OF_SQUARES = 2.366
 CAUTION = 10.0
 
 
-class Moves(NamedTuple):
-    """M measured moves: from scan `first` to scan `second` (M,) each, `move` (M, 3) in the frame
-    of the first, with `precision` (M, 3, 3).
-    """  # noqa: D205
-
-    first: Int64Array
-    second: Int64Array
-    move: Float64Array
-    precision: Float64Array
-
-    @classmethod
-    def none(cls) -> Moves:
-        """Return no moves at all."""
-        nobody = np.zeros(0, np.int64)
-        return cls(nobody, nobody, np.zeros((0, 3)), np.zeros((0, 3, 3)))
-
-    @classmethod
-    def of_odometry(
-        cls, odometry: Float64Array, order: AnyArray, *, share: float, least: Sequence[float]
-    ) -> Moves:
-        """Make a chain of the odometry poses (K, 3), in the `order` (K,) they were passed.
-
-        The standard deviation of a move is `least` (m, m, rad) and `share` of its length or turn.
-        """
-        first, second = np.asarray(order[:-1], np.int64), np.asarray(order[1:], np.int64)
-        move = relative_poses(odometry[first], odometry[second])
-        far = np.hypot(move[:, 0], move[:, 1])
-        turn = np.abs(move[:, 2])
-        sigma = np.asarray(least) + share * np.stack((far, far, turn + 0.1 * far), axis=1)
-        precision = np.zeros((len(move), 3, 3))
-        precision[:, np.arange(3), np.arange(3)] = 1.0 / sigma**2
-        return cls(first, second, move, precision)
-
-
 class Linearised(NamedTuple):
     """Factors around some poses: gradient (K, 3) of log p, diagonal blocks (K, 3, 3) of the
-    precision, and of each move the Jacobians (M, 3, 3) of its error by either pose.
+    precision, and of each move the Jacobians (M, 3, 3) of its error by either pose and its
+    precision (M, 3, 3), less where it does not fit.
     """  # noqa: D205
 
     gradient: Float64Array
     blocks: Float64Array
     by_first: Float64Array
     by_second: Float64Array
+    of_moves: Float64Array
 
 
 class PoseFactors(NamedTuple):
@@ -151,30 +120,27 @@ class PoseFactors(NamedTuple):
 
     def of_moves(self, poses: Float64Array) -> Float64Array:
         """Return what each measured move (M,) says of poses (K, 3), nats, up to a constant."""
-        error, precision = self._move_errors(poses), self.moves.precision
-        return np.asarray(-0.5 * np.einsum('mi,mij,mj->m', error, precision, error), np.float64)
-
-    def _move_errors(self, poses: Float64Array) -> Float64Array:
-        moves = self.moves
-        return wrapped(relative_poses(poses[moves.first], poses[moves.second]) - moves.move)
+        return self.moves.log_densities(poses)
 
     def linearised(self, poses: Float64Array) -> Linearised:
-        """Return the factors around poses (K, 3)."""
+        """Return the factors around poses (K, 3); moves are normal ones of that weight there."""
         gradient = -np.einsum('kij,kj->ki', self.precision, self.off(poses))
         blocks = self.precision.copy()
-        first, second, _, precision = self.moves
-        by_first, by_second = _jacobians(poses[first], poses[second])
-        weighted = np.einsum('mij,mj->mi', precision, self._move_errors(poses))
+        moves = self.moves
+        first, second, errors = moves.first, moves.second, moves.errors(poses)
+        by_first, by_second = jacobians(poses[first], poses[second])
+        precision = moves.weights(moves.squares(errors))[:, None, None] * moves.precision
+        weighted = np.einsum('mij,mj->mi', precision, errors)
         np.add.at(gradient, first, -np.einsum('mji,mj->mi', by_first, weighted))
         np.add.at(gradient, second, -np.einsum('mji,mj->mi', by_second, weighted))
         np.add.at(blocks, first, np.einsum('mji,mjk,mkl->mil', by_first, precision, by_first))
         np.add.at(blocks, second, np.einsum('mji,mjk,mkl->mil', by_second, precision, by_second))
-        return Linearised(gradient, blocks, by_first, by_second)
+        return Linearised(gradient, blocks, by_first, by_second, precision)
 
     def times(self, at: Linearised, x: Float64Array) -> Float64Array:
         """Return the precision around some poses times x (K, 3)."""
         result: Float64Array = np.einsum('kij,kj->ki', self.precision, x)
-        first, second, _, precision = self.moves
+        first, second, precision = self.moves.first, self.moves.second, at.of_moves
         error = np.einsum('mij,mj->mi', at.by_first, x[first])
         error += np.einsum('mij,mj->mi', at.by_second, x[second])
         weighted = np.einsum('mij,mj->mi', precision, error)
@@ -186,30 +152,10 @@ class PoseFactors(NamedTuple):
         """Draw (K, 3) with the precision as its covariance."""
         root = np.linalg.cholesky(self.precision)
         result: Float64Array = np.einsum('kij,kj->ki', root, rng.standard_normal(self.mean.shape))
-        first, second, move, precision = self.moves
-        if len(move):
-            white = rng.standard_normal(move.shape)
-            drawn = np.einsum('mij,mj->mi', np.linalg.cholesky(precision), white)
+        first, second = self.moves.first, self.moves.second
+        if first.size:
+            white = rng.standard_normal((first.size, 3))
+            drawn = np.einsum('mij,mj->mi', np.linalg.cholesky(at.of_moves), white)
             np.add.at(result, first, np.einsum('mji,mj->mi', at.by_first, drawn))
             np.add.at(result, second, np.einsum('mji,mj->mi', at.by_second, drawn))
         return result
-
-
-def relative_poses(first: Float64Array, second: Float64Array) -> Float64Array:
-    """Return where the second poses (M, 3) lie in the frames of the first ones (M, 3)."""
-    dx, dy = (second - first)[:, :2].T
-    cosine, sine = np.cos(first[:, 2]), np.sin(first[:, 2])
-    turn = second[:, 2] - first[:, 2]
-    return wrapped(np.stack((cosine * dx + sine * dy, cosine * dy - sine * dx, turn), axis=1))
-
-
-def _jacobians(first: Float64Array, second: Float64Array) -> tuple[Float64Array, Float64Array]:
-    cosine, sine = np.cos(first[:, 2]), np.sin(first[:, 2])
-    move = relative_poses(first, second)
-    by_second = np.zeros((len(first), 3, 3))
-    by_second[:, 0, 0], by_second[:, 0, 1] = cosine, sine
-    by_second[:, 1, 0], by_second[:, 1, 1] = -sine, cosine
-    by_second[:, 2, 2] = 1.0
-    by_first = -by_second
-    by_first[:, 0, 2], by_first[:, 1, 2] = move[:, 1], -move[:, 0]
-    return by_first, by_second

@@ -15,7 +15,8 @@ from ogm_mcmc.errors import WindowError
 from ogm_mcmc.geometry import Pose2D, PoseBelief, Scan
 from ogm_mcmc.trajectory.correlative import LookUp, look_up_in_turn, recheck, relocate
 from ogm_mcmc.trajectory.curvature import drawn_deviation, held_share, widening
-from ogm_mcmc.trajectory.factors import Moves, PoseFactors
+from ogm_mcmc.trajectory.factors import PoseFactors
+from ogm_mcmc.trajectory.moves import Moves
 from ogm_mcmc.trajectory.points import ScanPoints, poses_of, wrapped
 from ogm_mcmc.trajectory.surfels import Stage, SurfelSystem, align
 
@@ -90,11 +91,15 @@ class TrajectoryRefinement:
         self.config = TrajectoryConfig() if config is None else config
         self.points = ScanPoints.of([scan for scan, _ in placed], self.config.max_range)
         beliefs = [belief for _, belief in placed]
-        self.factors = PoseFactors.of(beliefs, self.config.standard_deviations, moves)
-        self._said = self.factors
         self.order: Int64Array = np.asarray(
             np.arange(len(placed)) if order is None else order, np.int64
         )
+        factors = PoseFactors.of(beliefs, self.config.standard_deviations, moves)
+        if self.config.steps:
+            own = Moves.of_localizer(factors.mean, self.order)
+            factors = factors._replace(moves=own.and_those(factors.moves))
+        self._said = self.factors = factors
+        self.move_scales = np.ones(factors.moves.n_sources)
         self.poses = self.factors.mean.copy()
         self.deviations: list[Float64Array] = []
         self.held = math.nan  # how much poses are held by points, see `curvature`
@@ -166,12 +171,20 @@ class TrajectoryRefinement:
         for _ in range(stage.steps):
             before = self.poses
             self.poses, self._system = align(self.points, before, self.factors, stage)
-            if self.config.rescale and stage.side_m <= RESCALED_FROM_M:
-                said = self._said
-                self.factors = said.doubted(
-                    said.doubt(self.poses, self._system.blocks, self.factors)
-                )
+            if self.config.rescale:
+                self.factors = self._rescaled(self._system, stage)
             yield self._progress('aligned', stage.side_m, self.poses - before)
+
+    def _rescaled(self, system: SurfelSystem, stage: Stage) -> PoseFactors:
+        """Return the factors, beliefs and moves as sure as poses show them to be."""
+        said, factors = self._said, self.factors
+        if stage.side_m <= RESCALED_FROM_M:
+            factors = said.doubted(said.doubt(self.poses, system.blocks, factors))
+        if self.move_scales.size:
+            blocks = system.blocks + factors.precision
+            self.move_scales = said.moves.shown_scales(self.poses, blocks, self.move_scales)
+            factors = factors._replace(moves=said.moves.scaled(self.move_scales))
+        return factors
 
     def _astray(self) -> Int64Array:
         """Return the scans that may be anywhere: little was said of them, or they fit badly."""

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from ogm_mcmc.geometry import Pose2D, PoseBelief, PoseSamples
-from ogm_mcmc.trajectory.factors import Moves, PoseFactors, relative_poses
+from ogm_mcmc.trajectory.factors import PoseFactors
+from ogm_mcmc.trajectory.moves import Moves, relative_poses
 
 COUNT, STEP = 4, 1e-6
 

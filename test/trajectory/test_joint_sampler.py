@@ -9,8 +9,9 @@ from ogm_mcmc.config import ChainConfig, ForwardModelConfig, WindowConfig
 from ogm_mcmc.errors import ConfigError, WindowError
 from ogm_mcmc.geometry import CellBox, Pose2D, PoseBelief, Scan
 from ogm_mcmc.sensors.forward_model import ForwardModel
-from ogm_mcmc.trajectory.factors import Moves, PoseFactors
+from ogm_mcmc.trajectory.factors import PoseFactors
 from ogm_mcmc.trajectory.joint_sampler import JointPosterior, RigidStretches, split_r_hat
+from ogm_mcmc.trajectory.moves import Moves
 from ogm_mcmc.trajectory.points import wrapped
 
 CELL, WIDTH, HEIGHT = 0.25, 5, 1
@@ -58,7 +59,7 @@ def factors(*, with_move: bool) -> PoseFactors:
     if with_move:
         moves = Moves(
             np.array([0]), np.array([1]), np.array([(0.1, 0.0, 0.0)]),
-            np.diag([60.0, 1.0, 1.0])[None],
+            np.diag([60.0, 1.0, 1.0])[None], np.array([0]), 2.0,
         )  # fmt: skip
     return PoseFactors.of(beliefs, (1.0, 1.0, 1.0), moves)
 
