@@ -14,17 +14,23 @@ from tqdm import tqdm
 from ogm_mcmc.cli.options import stream_choice
 from ogm_mcmc.config import MapperConfig, PlacingConfig
 from ogm_mcmc.engine.bag_scans import PlacedScans, StreamTopics, open_scans
+from ogm_mcmc.engine.odometry import OdometryAt
 from ogm_mcmc.geometry import PlacedScan
 
 __all__ = ['BagScans', 'placed_scans', 'read_bag', 'say']
 
 
 class BagScans(NamedTuple):
-    """All placed scans of a bag, the topics they came from, and what was dropped, by reason."""
+    """All placed scans of a bag, the topics they came from, and what was dropped, by reason.
+
+    `odometry` beside the poses in use, called `odometry_name`, where it was asked for.
+    """
 
     placed: list[PlacedScan]
     topics: StreamTopics
     dropped: dict[str, int]
+    odometry: OdometryAt | None = None
+    odometry_name: str = ''
 
 
 @contextlib.contextmanager
@@ -64,8 +70,14 @@ def read_bag(
     mapper: MapperConfig | None = None,
     *,
     beliefs: bool = False,
+    odometry: bool = False,
 ) -> BagScans:
-    """Read and place all scans of `options.bag`. Raises BagError when none can be placed."""
+    """Read and place all scans of `options.bag`, with its `odometry` if that is asked for.
+
+    Raises BagError when no scan can be placed.
+    """
     with placed_scans(options, placing, mapper, beliefs=beliefs) as scans:
         placed = list(scans)
-    return BagScans(placed, scans.topics, dict(scans.placer.dropped))
+        wheels = scans.odometry() if odometry else None
+    dropped = dict(scans.placer.dropped)
+    return BagScans(placed, scans.topics, dropped, wheels, scans.odometry_name)

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from tqdm import tqdm
 
-from ogm_mcmc.cli.bag_scans import BagScans, read_bag
+from ogm_mcmc.cli.bag_scans import BagScans, read_bag, say
 from ogm_mcmc.cli.kept_state import KeptState
 from ogm_mcmc.cli.option_ranges import Range, check_options
 from ogm_mcmc.cli.options import (
@@ -40,6 +40,7 @@ from ogm_mcmc.config import (
 )
 from ogm_mcmc.config.nodes import REFINE_CONFIGS, RefineSamplerConfig
 from ogm_mcmc.engine.joint_poses import PoseRefinement
+from ogm_mcmc.engine.odometry import said_odometry
 from ogm_mcmc.engine.refinement import Progress, Recording, Refinement
 from ogm_mcmc.engine.signals import interruptible
 from ogm_mcmc.engine.tiled_refinement import TiledRefinement
@@ -154,7 +155,8 @@ def _run(
 ) -> int:
     warm_up_sampling(chosen.sampler)
     started = time.perf_counter()
-    bag = read_bag(options, chosen.placing, beliefs=chosen.poses.joint)
+    joint, settings = chosen.poses.joint, chosen.poses.trajectory
+    bag = read_bag(options, chosen.placing, beliefs=joint, odometry=joint and settings.odometry)
     recording = Recording(chosen.recording)
     for placed in bag.placed:
         recording.add(placed)
@@ -164,10 +166,13 @@ def _run(
         refinement = TiledRefinement(chosen.sampler, *shape, tiles)
     scans = recording.snapshot()
     poses: PoseRefinement | None = None
-    if chosen.poses.joint:
-        poses = PoseRefinement(scans, chosen.poses.trajectory)
+    if joint:
+        poses = PoseRefinement(scans, settings, bag.odometry)
         with interruptible() as interrupted:
             refine_poses(poses, interrupted)
+        if settings.odometry:
+            used = poses.wheels
+            say(said_odometry(bag.odometry_name, used, len(scans), poses.odometry_scale))
         scans = poses.placed()
     refinement.take(scans, start)
     state = KeptState(refinement, options.state)

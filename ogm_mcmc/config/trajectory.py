@@ -43,6 +43,11 @@ class TrajectoryConfig:
         'take it that a localizer errs alike from one scan to the next: this is what holds poses '
         'where scans have few beams',
     )
+    odometry: bool = setting(
+        True,
+        'use odometry for how the robot went from scan to scan, where there is any beside the '
+        'poses: nav_msgs/Odometry, or a frame odom in tf',
+    )
     draws: int = setting(
         40, 'trajectories drawn for the standard deviations of poses', low=2, high=10000
     )

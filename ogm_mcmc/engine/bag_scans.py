@@ -12,11 +12,13 @@ import numpy as np
 
 from ogm_mcmc.engine.bag_topics import StreamChoice, StreamTopics, choose_topics
 from ogm_mcmc.engine.mounts import MountFound, Mounts
+from ogm_mcmc.engine.odometry import OdometryAt, odometry_among
 from ogm_mcmc.engine.placing import PoseSource, RobotScan, ScanPlacer
+from ogm_mcmc.engine.pose_choice import TF
 from ogm_mcmc.engine.pose_history import PoseHistory, Unplaceable, Waiting
 from ogm_mcmc.engine.tf_poses import TfPoses
 from ogm_mcmc.errors import BagError, PoseError, ScanError
-from ogm_mcmc.geometry import PlacedScan, PoseBelief, Scan
+from ogm_mcmc.geometry import PlacedScan, Pose2D, PoseBelief, Scan
 from ogm_mcmc.geometry.scan import Remark, say_nothing
 from ogm_mcmc.io import messages
 from ogm_mcmc.io.bags import BagReader, BagRecord
@@ -52,6 +54,7 @@ class PlacedScans:
     frames: set[str] = field(default_factory=set, init=False)
     mounts: dict[str, MountFound] = field(default_factory=dict, init=False)
     first_fault: str = field(default='', init=False)
+    odometry_name: str = field(default='', init=False)
     _said: set[str] = field(default_factory=set, init=False)
     _hit: bool = field(default=False, init=False)
     _informed: bool = field(default=False, init=False)
@@ -150,6 +153,34 @@ class PlacedScans:
                 with contextlib.suppress(PoseError, BagError):
                     self._take_pose(record)
         return source
+
+    def odometry(self) -> OdometryAt | None:
+        """Return the odometry of the bag beside the poses in use; None where there is none."""
+        found = odometry_among(self.topics.poses, self.topics.base_frame, self.topics.tree)
+        if found is None:
+            return None
+        self.odometry_name, choice = str(found), self.choice
+        source: PoseSource
+        if found.candidate.kind == TF:
+            frames = found.candidate.frame, found.candidate.child_frame
+            source = TfPoses(
+                self.topics.tree, *frames, complete=True, max_gap_s=choice.max_pose_gap_s
+            )
+        else:
+            source = history = PoseHistory(max_gap_s=choice.max_pose_gap_s, keep=LONGEST)
+            for record in self.bag.records((found.candidate.name,)):
+                with contextlib.suppress(PoseError, BagError):
+                    message: Any = self.bag.decode(record)
+                    belief = messages.read_pose(message, with_covariance=False)
+                    history.add(messages.stamp_of(message), belief)
+
+        def at(stamp_ns: int) -> Pose2D | None:
+            try:
+                return source.at(stamp_ns).mean
+            except (Waiting, Unplaceable, PoseError):
+                return None
+
+        return at
 
     def sensor_mounts(self) -> dict[str, MountFound]:
         """Return where each sensor sits, as `mounts` holds it, without reading the scans."""

@@ -9,7 +9,7 @@ was there.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -146,7 +146,9 @@ def choose_topics(bag: BagReader, choice: StreamChoice) -> StreamTopics:
     tf = [topic for topic in tf if not bag.problem(topic.name)]
     posed = [t for t in mine if t.msgtype in POSE_TYPES and not bag.problem(t.name)]
     if choice.pose_topic:
-        posed = [bag.find('poses', _types(choice.pose_source), choice.pose_topic)]
+        named_pose = bag.find('poses', _types(choice.pose_source), choice.pose_topic)
+        wheels = [t for t in posed if t.msgtype == ros_types.ODOMETRY and t != named_pose]
+        choice, posed = replace(choice, pose_topic=named_pose.name), [named_pose, *wheels]
     seen = survey(bag, [*readings, *posed], tf)
     found = [seen.topics[topic.name] for topic in readings if topic.name in seen.topics]
     if not found:
@@ -317,10 +319,8 @@ def _candidates(seen: BagSurvey, frames: TfFrames, scans: Sequence[str]) -> list
 
 
 def _is_wanted(one: PoseCandidate, choice: StreamChoice) -> bool:
-    if choice.pose_topic and one.kind != TF:
-        return True  # no other topic was looked at
     if choice.pose_topic:
-        return False
+        return one.kind != TF and one.name == choice.pose_topic
     if choice.pose_source == 'auto':
         return True
     if choice.pose_source == TF:

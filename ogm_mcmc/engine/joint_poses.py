@@ -16,8 +16,9 @@ import numpy as np
 
 from ogm_mcmc.arrays import Float64Array
 from ogm_mcmc.config import TrajectoryConfig
+from ogm_mcmc.engine.odometry import OdometryAt, wheel_moves
 from ogm_mcmc.geometry import PlacedScan, Pose2D, PoseBelief
-from ogm_mcmc.trajectory import TrajectoryProgress, TrajectoryRefinement
+from ogm_mcmc.trajectory import Moves, TrajectoryProgress, TrajectoryRefinement
 from ogm_mcmc.trajectory.points import wrapped
 
 __all__ = ['PoseRefinement', 'RefinedTrajectory']
@@ -36,13 +37,27 @@ class RefinedTrajectory(NamedTuple):
 
 
 class PoseRefinement:
-    """The poses of some scans, refined step by step; a thin coat of `TrajectoryRefinement`."""
+    """The poses of some scans, refined step by step; a thin coat of `TrajectoryRefinement`.
 
-    def __init__(self, scans: Sequence[PlacedScan], config: TrajectoryConfig) -> None:
+    `odometry` says where the robot was at a stamp by its wheels, where the settings want it;
+    `wheels` are the moves that came of it.
+    """
+
+    def __init__(
+        self,
+        scans: Sequence[PlacedScan],
+        config: TrajectoryConfig,
+        odometry: OdometryAt | None = None,
+    ) -> None:
         self.scans = list(scans)
         stamps = np.array([placed.scan.stamp_ns for placed in scans], np.int64)
         self.order = np.argsort(stamps, kind='stable')
-        self.estimator = TrajectoryRefinement(self.scans, config, order=self.order)
+        self.wheels: Moves | None = None
+        if odometry is not None and config.odometry:
+            self.wheels = wheel_moves(self.scans, self.order, odometry)
+        self.estimator = TrajectoryRefinement(
+            self.scans, config, moves=self.wheels, order=self.order
+        )
         self.progress: TrajectoryProgress | None = None
 
     @property
@@ -79,6 +94,11 @@ class PoseRefinement:
         correction = placed[last].pose.compose(self.scans[last].pose.inverse())
         return RefinedTrajectory(stamps, beliefs, correction)
 
+    @property
+    def odometry_scale(self) -> float:
+        """How many times the covariances of odometry are what poses show, 1 without any."""
+        return 1.0 if self.wheels is None else float(self.estimator.move_scales[-1])
+
     def figures(self) -> dict[str, Any]:
         """Return plain values for JSON: how far poses went and how sure they are."""
         moved = wrapped(self.estimator.poses - self.estimator.factors.mean)
@@ -94,6 +114,9 @@ class PoseRefinement:
             figures['point_deviation_m'] = round(found, 6)
             figures['point_deviation_95_m'] = [round(low, 6), round(high, 6)]
         figures['belief_scale'] = round(self.estimator.belief_scale, 6)
+        figures['odometry_steps'] = 0 if self.wheels is None else int(self.wheels.first.size)
+        if self.wheels is not None:
+            figures['odometry_scale'] = round(self.odometry_scale, 6)
         held = self.estimator.held
         figures['held_by_points'] = None if math.isnan(held) else round(held, 6)
         spread = _deviations(self.estimator.covariances())

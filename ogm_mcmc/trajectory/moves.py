@@ -86,9 +86,7 @@ class Moves(NamedTuple):
     @classmethod
     def of_localizer(cls, poses: Float64Array, order: AnyArray) -> Moves:
         """Make a chain of the poses (K, 3) that a localizer believed: what it says of moves."""
-        return cls.of_odometry(
-            poses, order, share=OWN_SHARE, least=OWN_LEAST, freedom=HEAVY_TAILS
-        )
+        return cls.of_odometry(poses, order, share=OWN_SHARE, least=OWN_LEAST, freedom=HEAVY_TAILS)
 
     @classmethod
     def of_wheels(cls, odometry: Float64Array, order: AnyArray) -> Moves:
@@ -100,8 +98,14 @@ class Moves(NamedTuple):
     def and_those(self, others: Moves) -> Moves:
         """Return these moves and others, which are of further sources; tails are these' own."""
         source = np.concatenate((self.source, others.source + self.n_sources))
-        both = (np.concatenate(pair) for pair in zip(self[:4], others[:4], strict=True))
-        return Moves(*both, source, self.freedom)
+        return Moves(
+            np.concatenate((self.first, others.first)),
+            np.concatenate((self.second, others.second)),
+            np.concatenate((self.move, others.move)),
+            np.concatenate((self.precision, others.precision)),
+            source,
+            self.freedom,
+        )
 
     @property
     def n_sources(self) -> int:

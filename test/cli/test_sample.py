@@ -333,7 +333,9 @@ def test_poses_are_estimated_with_the_map(tmp_path, monkeypatch, capsys):
     few = ('--max-sweeps', '30', '--burn-in', '16', '--r-hat', '0', '--trajectory.draws', '10')
     call = ['sample', 'noisy', '-o', 'out', *COARSE[2:], *few]
     assert run([*call, '--poses', 'joint', '--state', 'state.npz']) == 0
-    first = json.loads(capsys.readouterr().out)
+    said = capsys.readouterr()
+    first = json.loads(said.out)
+    assert 'poses without odometry: none is there beside the poses in use' in said.err
     assert first['settings']['poses'] == 'joint'
     assert first['trajectory']['finished']
     assert 3.0 < 100.0 * first['trajectory']['moved_m'] < 12.0

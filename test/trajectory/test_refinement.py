@@ -8,7 +8,7 @@ from ogm_mcmc.config import TrajectoryConfig
 from ogm_mcmc.errors import ConfigError, WindowError
 from ogm_mcmc.evaluation.trajectories import absolute_errors
 from ogm_mcmc.geometry import PoseBelief
-from ogm_mcmc.trajectory import TrajectoryRefinement
+from ogm_mcmc.trajectory import Moves, TrajectoryRefinement
 from ogm_mcmc.trajectory.points import poses_of
 
 TRUTH = path_through(10)
@@ -95,3 +95,37 @@ def test_a_scan_whose_belief_is_vague_is_looked_up() -> None:
     assert len(doing) <= one.n_steps
     assert absolute_errors(one.poses, TRUTH).distance_m.max() < 0.03
     assert absolute_errors(one.poses, TRUTH).turn_rad.max() < 0.02
+
+
+def few_beams(**settings: bool) -> float:
+    """Return how far poses are off after six beams a scan moved them; 2 cm before."""
+    truth = path_through(40)
+    smooth = np.cumsum(np.random.default_rng(5).normal(size=truth.shape), axis=0)
+    start = truth + (0.02, 0.02, 0.005) * smooth / np.abs(smooth).max(axis=0)
+    placed = list(zip(scans_of(truth, 6, 0.02), map(PoseBelief, poses_of(start)), strict=True))
+    one = TrajectoryRefinement(placed, TrajectoryConfig(draws=2, **settings))
+    for _ in one.run():
+        pass
+    return float(absolute_errors(one.poses, truth).distance_m.mean())
+
+
+def test_few_beams_do_not_tear_poses_from_what_the_localizer_says_of_the_way() -> None:
+    assert few_beams(steps=True) < 0.02
+    assert few_beams(steps=False) > 0.03
+
+
+def test_wheels_that_slip_do_not_bend_the_trajectory() -> None:
+    """One step of odometry is half a metre and half a radian off: poses are as without it."""
+    odometry = TRUTH.copy()
+    odometry[5:] += (0.5, 0.0, 0.5)
+    beliefs = [PoseBelief(pose, SPREAD) for pose in poses_of(START)]
+    found = []
+    for moves in (None, Moves.of_wheels(odometry, np.arange(10))):
+        one = TrajectoryRefinement(
+            list(zip(SCANS, beliefs, strict=True)), TrajectoryConfig(draws=2), moves=moves
+        )
+        for _ in one.run():
+            pass
+        found.append(absolute_errors(one.poses, TRUTH))
+    assert found[1].distance_m.max() < found[0].distance_m.max() + 0.002
+    assert found[1].turn_rad.max() < found[0].turn_rad.max() + 0.001

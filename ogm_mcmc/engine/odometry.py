@@ -1,0 +1,147 @@
+"""What odometry says of how the robot went between scans, beside what a localizer believed.
+
+Which: of all that a recording holds besides the poses in use, poses in a frame called odom: those
+of tf, or of nav_msgs/Odometry. Wheels slip: `Moves.of_wheels` has heavy tails, and how well its
+moves fit is estimated with the poses.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from ogm_mcmc.arrays import AnyArray, Float64Array
+from ogm_mcmc.engine.pose_choice import TF, PoseChoice, RankedPoses
+from ogm_mcmc.engine.pose_history import PoseHistory, Unplaceable, Waiting
+from ogm_mcmc.engine.transform_tree import TransformTree
+from ogm_mcmc.errors import PoseError
+from ogm_mcmc.geometry import PlacedScan, Pose2D
+from ogm_mcmc.io import ros_types
+from ogm_mcmc.trajectory import Moves
+
+__all__ = [
+    'OdometryAt',
+    'OdometryTrack',
+    'odometry_among',
+    'odometry_frame',
+    'said_odometry',
+    'wheel_moves',
+]
+
+# Odometry that covers less than half of the scans is not worth a word.
+LEAST_COVERAGE = 0.5
+
+# Scans whose odometry is known; a recording holds fewer.
+MOST_KNOWN = 200_000
+
+# Scans that wait for odometry that may still come.
+MOST_WAITING = 1000
+
+OdometryAt = Callable[[int], 'Pose2D | None']
+"""Where the robot was at a stamp, ns, as odometry has it; None where it does not say."""
+
+
+class OdometryTrack:
+    """Odometry at the stamps of scans, resolved as it comes in; the rest of it is forgotten."""
+
+    def __init__(self, history: PoseHistory | None = None) -> None:
+        self.history = PoseHistory(keep=2000) if history is None else history
+        self._known: dict[int, Pose2D] = {}
+        self._waiting: deque[int] = deque(maxlen=MOST_WAITING)
+
+    def __len__(self) -> int:
+        """Return the number of stamps at which it is known."""
+        return len(self._known)
+
+    def want(self, stamp_ns: int) -> None:
+        """Have the pose at a stamp kept, now or when it is known."""
+        self._waiting.append(stamp_ns)
+        self.settle()
+
+    def settle(self) -> None:
+        """Keep what is known by now of what is wanted."""
+        for _ in range(len(self._waiting)):
+            stamp_ns = self._waiting.popleft()
+            try:
+                pose = self.history.at(stamp_ns).mean
+            except Waiting:
+                self._waiting.append(stamp_ns)
+            except (Unplaceable, PoseError):
+                continue
+            else:
+                self._known[stamp_ns] = pose
+                if len(self._known) > MOST_KNOWN:
+                    del self._known[next(iter(self._known))]
+
+    def at(self, stamp_ns: int) -> Pose2D | None:
+        """Return the pose at a stamp that was wanted; None where it is not known."""
+        return self._known.get(stamp_ns)
+
+    def clear(self) -> None:
+        """Forget everything."""
+        self.history.clear()
+        self._known.clear()
+        self._waiting.clear()
+
+
+def odometry_among(poses: PoseChoice, base_frame: str, tree: TransformTree) -> RankedPoses | None:
+    """Return the odometry of a recording that is not in use as poses already; None: there is none.
+
+    Of several what covers most scans; of a frame that sits elsewhere on the robot than the base,
+    as far as tf knows, none.
+    """
+    if poses.chosen is not None and _is_odometry(poses.chosen):
+        return None
+    known = tree.frames()
+    found = [
+        one
+        for one in poses.others
+        if _is_odometry(one)
+        and one.coverage >= LEAST_COVERAGE
+        and (one.candidate.child_frame in ('', base_frame) or not known)
+    ]
+    return max(found, key=lambda one: (one.coverage, one.candidate.kind != TF), default=None)
+
+
+def _is_odometry(one: RankedPoses) -> bool:
+    source = one.candidate
+    kind = source.kind in (TF, ros_types.ODOMETRY)
+    return kind and _is_called_odom(source.frame)
+
+
+def _is_called_odom(frame: str) -> bool:
+    return frame.rsplit('/')[-1].lower().startswith('odom')
+
+
+def odometry_frame(tree: TransformTree, base_frame: str) -> str:
+    """Return the frame of odometry above the base; empty where tf knows none."""
+    return next((frame for frame in tree.ancestors(base_frame)[1:] if _is_called_odom(frame)), '')
+
+
+def wheel_moves(
+    scans: Sequence[PlacedScan], order: AnyArray, odometry: OdometryAt
+) -> Moves | None:
+    """Return how sensors went from scan to scan in the `order` (K,); None where nothing says so.
+
+    Each pose of the robot is carried to the sensor by where that sits on it.
+    """
+    poses: Float64Array = np.full((len(scans), 3), np.nan)
+    for k, placed in enumerate(scans):
+        robot = odometry(placed.scan.stamp_ns)
+        if robot is not None:
+            sensor = robot.compose(placed.belief.offset)
+            poses[k] = sensor.x_m, sensor.y_m, sensor.yaw_rad
+    moves = Moves.of_wheels(poses, order)
+    return moves if moves.first.size else None
+
+
+def said_odometry(name: str, moves: Moves | None, n_scans: int, scale: float = 1.0) -> str:
+    """Return a line for the user: what was used, and how well it fits."""
+    if moves is None:
+        return 'poses without odometry: none is there beside the poses in use'
+    return (
+        f'odometry of {name} used for {moves.first.size} of {max(n_scans - 1, 0)} steps between '
+        f'scans; errs {np.sqrt(scale):.1f} times as much as taken for granted'
+    )

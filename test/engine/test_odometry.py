@@ -1,0 +1,140 @@
+"""Odometry beside the poses in use: which, where the robot was by it, what moves come of it."""
+
+import numpy as np
+import pytest
+
+from ogm_mcmc.config import TrajectoryConfig
+from ogm_mcmc.engine.bag_scans import PlacedScans
+from ogm_mcmc.engine.bag_topics import StreamChoice, choose_topics
+from ogm_mcmc.engine.joint_poses import PoseRefinement
+from ogm_mcmc.engine.odometry import (
+    OdometryTrack,
+    odometry_among,
+    odometry_frame,
+    said_odometry,
+    wheel_moves,
+)
+from ogm_mcmc.engine.pose_choice import TF, PoseCandidate, PoseChoice, RankedPoses
+from ogm_mcmc.engine.transform_tree import TransformTree
+from ogm_mcmc.geometry import PlacedScan, Pose2D, PoseBelief, Scan
+from ogm_mcmc.io import ros_types
+from ogm_mcmc.io.bags import BagReader
+
+SECOND = 1_000_000_000
+NOBODY = np.zeros(0, np.int64)
+
+
+def ranked(name: str, frame: str, share: float, kind: str = ros_types.ODOMETRY) -> RankedPoses:
+    child = 'turret' if name == '/turret' else 'base_link'
+    return RankedPoses(PoseCandidate(name, kind, frame, child, (NOBODY,)), share)
+
+
+POSE = ranked('/pose', 'map', 1.0, ros_types.POSE)
+ODOM = ranked('/odom', 'odom', 0.9)
+
+
+@pytest.mark.parametrize(
+    ('chosen', 'others', 'expected'),
+    [
+        (POSE, [ODOM], '/odom'),
+        (POSE, [ODOM, ranked(TF, 'robot/odom', 1.0, TF)], TF),
+        (POSE, [ranked(TF, 'odom', 0.9, TF), ODOM], '/odom'),
+        (POSE, [ranked('/odom', 'odom', 0.4)], None),
+        (POSE, [ranked('/truth', 'map', 1.0), ranked('/goal', 'odom', 1.0, ros_types.POSE)], None),
+        (ODOM, [ranked(TF, 'odom', 1.0, TF)], None),
+        (POSE, [], None),
+    ],
+)
+def test_odometry_is_what_is_in_a_frame_of_that_name(chosen, others, expected):
+    choice = PoseChoice(chosen, tuple(others), NOBODY)
+    found = odometry_among(choice, 'base_link', TransformTree())
+    assert (None if found is None else found.candidate.name) == expected
+
+
+def placed(seconds: list[float], offset: Pose2D) -> list[PlacedScan]:
+    scans = []
+    for k, s in enumerate(seconds):
+        scan = Scan.checked(
+            np.linspace(1.0, 1.5, 16), angle_min_rad=0.0, angle_increment_rad=0.1,
+            range_min_m=0.0, range_max_m=5.0, stamp_ns=round(s * SECOND),
+        )  # fmt: skip
+        scans.append(PlacedScan(scan, PoseBelief(Pose2D(0.1 * k), offset=offset)))
+    return scans
+
+
+def test_moves_are_those_of_the_sensor():
+    """A robot that turns on the spot swings a sensor in front of it."""
+    robot = {0: Pose2D(), SECOND: Pose2D(0.0, 0.0, np.pi / 2.0)}
+    scans = placed([0.0, 1.0, 2.0], Pose2D(0.5))
+    moves = wheel_moves(scans, np.arange(3), robot.get)
+    assert moves is not None
+    np.testing.assert_array_equal(moves.first, [0])  # of the last scan nothing is known
+    np.testing.assert_allclose(moves.move, [(-0.5, 0.5, np.pi / 2.0)], atol=1e-12)
+    assert wheel_moves(scans, np.arange(3), lambda stamp: None) is None
+
+
+def test_a_track_keeps_what_was_wanted_when_it_is_known():
+    track = OdometryTrack()
+    track.want(SECOND // 2)
+    track.history.add(0, PoseBelief(Pose2D(0.0)))
+    assert track.at(SECOND // 2) is None
+    track.history.add(SECOND, PoseBelief(Pose2D(1.0)))
+    track.settle()
+    assert track.at(SECOND // 2) == Pose2D(0.5)
+    track.want(SECOND // 4)
+    assert track.at(SECOND // 4) == Pose2D(0.25)
+    track.want(-SECOND)  # before all of it: it will not come
+    track.settle()
+    assert track.at(-SECOND) is None
+    assert len(track) == 2
+    track.clear()
+    assert track.at(SECOND // 2) is None
+
+
+def test_the_frame_of_odometry_is_the_nearest_above_the_base():
+    assert odometry_frame(TransformTree(), 'base_link') == ''
+
+
+@pytest.mark.parametrize('used', [True, False])
+def test_odometry_is_used_unless_it_is_switched_off(used):
+    scans = placed([0.0, 1.0, 2.0], Pose2D())
+    known = {scan.scan.stamp_ns: Pose2D(0.1 * k) for k, scan in enumerate(scans)}
+    config = TrajectoryConfig(odometry=used, draws=2)
+    refinement = PoseRefinement(scans, config, known.get)
+    assert refinement.figures()['odometry_steps'] == (2 if used else 0)
+    assert refinement.estimator.move_scales.size == (2 if used else 1)
+    assert refinement.odometry_scale == 1.0
+
+
+def test_one_line_says_what_was_used():
+    scans = placed([0.0, 1.0, 2.0], Pose2D())
+    known = {scan.scan.stamp_ns: Pose2D() for scan in scans}
+    moves = wheel_moves(scans, np.arange(3), known.get)
+    assert said_odometry('/odom 100 %', moves, 3, 4.0) == (
+        'odometry of /odom 100 % used for 2 of 2 steps between scans; errs 2.0 times as much as '
+        'taken for granted'
+    )
+    assert 'without odometry' in said_odometry('', None, 3)
+
+
+@pytest.mark.parametrize('choice', [{}, {'pose_topic': '/pose'}, {'pose_source': 'pose'}])
+def test_odometry_of_a_bag_is_found_beside_its_poses(write_bag, make_scan, make_pose, choice):
+    stamps = [20 * SECOND + k * SECOND // 10 for k in range(8)]
+    records = []
+    for k, stamp in enumerate(stamps):
+        records += [
+            ('/scan', stamp, make_scan(stamp)),
+            ('/pose', stamp, make_pose(stamp)),
+            ('/odom', stamp, ros_types.odometry(stamp, Pose2D(0.1 * k), 1.0, 0.0)),
+        ]
+    wanted = StreamChoice(**choice)
+    with BagReader(write_bag(records, 'mcap')) as bag:
+        scans = PlacedScans(bag, choose_topics(bag, wanted), wanted)
+        assert scans.topics.pose_name == '/pose'
+        assert list(scans)
+        odometry = scans.odometry()
+    assert odometry is not None
+    assert scans.odometry_name == '/odom 100 %'
+    assert odometry(stamps[3]).x_m == pytest.approx(0.3)
+    assert odometry(stamps[3] + SECOND // 20).x_m == pytest.approx(0.35)
+    assert odometry(stamps[0] - 1) is None
