@@ -13,11 +13,12 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from ogm_mcmc.arrays import AnyArray, Float64Array
+from ogm_mcmc.engine.placing import PoseSource
 from ogm_mcmc.engine.pose_choice import TF, PoseChoice, RankedPoses
 from ogm_mcmc.engine.pose_history import PoseHistory, Unplaceable, Waiting
 from ogm_mcmc.engine.transform_tree import TransformTree
 from ogm_mcmc.errors import PoseError
-from ogm_mcmc.geometry import PlacedScan, Pose2D
+from ogm_mcmc.geometry import PlacedScan, Pose2D, PoseBelief
 from ogm_mcmc.io import ros_types
 from ogm_mcmc.trajectory import Moves
 
@@ -46,14 +47,19 @@ OdometryAt = Callable[[int], 'Pose2D | None']
 class OdometryTrack:
     """Odometry at the stamps of scans, resolved as it comes in; the rest of it is forgotten."""
 
-    def __init__(self, history: PoseHistory | None = None) -> None:
-        self.history = PoseHistory(keep=2000) if history is None else history
+    def __init__(self, source: PoseSource | None = None) -> None:
+        self.source: PoseSource = PoseHistory(keep=2000) if source is None else source
         self._known: dict[int, Pose2D] = {}
         self._waiting: deque[int] = deque(maxlen=MOST_WAITING)
 
     def __len__(self) -> int:
         """Return the number of stamps at which it is known."""
         return len(self._known)
+
+    def add(self, stamp_ns: int, belief: PoseBelief) -> None:
+        """Take a pose of the odometry, where that comes as messages."""
+        assert isinstance(self.source, PoseHistory)
+        self.source.add(stamp_ns, belief)
 
     def want(self, stamp_ns: int) -> None:
         """Have the pose at a stamp kept, now or when it is known."""
@@ -65,7 +71,7 @@ class OdometryTrack:
         for _ in range(len(self._waiting)):
             stamp_ns = self._waiting.popleft()
             try:
-                pose = self.history.at(stamp_ns).mean
+                pose = self.source.at(stamp_ns).mean
             except Waiting:
                 self._waiting.append(stamp_ns)
             except (Unplaceable, PoseError):
@@ -81,7 +87,7 @@ class OdometryTrack:
 
     def clear(self) -> None:
         """Forget everything."""
-        self.history.clear()
+        self.source.clear()
         self._known.clear()
         self._waiting.clear()
 

@@ -22,6 +22,7 @@ from ogm_mcmc.config import PosesConfig, SamplerConfig, StopConfig
 from ogm_mcmc.engine.joint_poses import PoseRefinement, RefinedTrajectory
 from ogm_mcmc.engine.kept_samples import MOST_SAMPLES, KeptSamples
 from ogm_mcmc.engine.no_returns import NoReturnChoice
+from ogm_mcmc.engine.odometry import OdometryAt, said_odometry
 from ogm_mcmc.engine.refinement import Progress, Refinement
 from ogm_mcmc.engine.sensor_fit import SensorNumbers
 from ogm_mcmc.errors import OgmError, WindowError
@@ -100,8 +101,8 @@ class _Order(NamedTuple):
 class _Poses:
     """Poses of the scans of orders: refined once for the same scans, gone on with if need be."""
 
-    def __init__(self, config: PosesConfig) -> None:
-        self.config = config
+    def __init__(self, config: PosesConfig, odometry: OdometryAt | None) -> None:
+        self.config, self.odometry = config, odometry
         self.scans: Sequence[PlacedScan] = ()
         self.refinement: PoseRefinement | None = None
         self.placed: list[PlacedScan] = []
@@ -111,7 +112,7 @@ class _Poses:
         """Return what refines the poses of these scans; that of before where they are the same."""
         same = len(scans) == len(self.scans) and all(map(operator.is_, scans, self.scans))
         if self.refinement is None or not same:
-            self.refinement = PoseRefinement(scans, self.config.trajectory)
+            self.refinement = PoseRefinement(scans, self.config.trajectory, self.odometry)
             self.scans = scans
         return self.refinement
 
@@ -132,6 +133,7 @@ class RefineWorker:
         config: SamplerConfig,
         poses: PosesConfig | None = None,
         *,
+        odometry: OdometryAt | None = None,
         map_every_s: float = 1.0,
         state_file: Path | None = None,
         niceness: int = 0,
@@ -148,7 +150,7 @@ class RefineWorker:
         self.failure: BaseException | None = None
         self._refinement = Refinement(config)
         self._kept = KeptSamples(samples)
-        self._poses = _Poses(PosesConfig() if poses is None else poses)
+        self._poses = _Poses(PosesConfig() if poses is None else poses, odometry)
         self._handed_over = 0
         self._said_no_return: tuple[str, str] | None = None  # what was asked, what it came to
         self._earlier_sweeps = 0  # of these chains with scans of before
@@ -244,7 +246,7 @@ class RefineWorker:
                 self._forget = False
                 self._refinement, self.status = Refinement(self.config), WorkerStatus()
                 self._earlier_sweeps = 0
-                self._poses = _Poses(self._poses.config)
+                self._poses = _Poses(self._poses.config, self._poses.odometry)
                 self._kept.clear()
             self._at_work, self._order = self._order, None
             return self._at_work is not None or self._save or not self._closing
@@ -322,6 +324,9 @@ class RefineWorker:
             moved = True
         if moved:
             poses.keep()
+            if refinement.finished and poses.config.trajectory.odometry:
+                steps, scale = refinement.wheels, refinement.odometry_scale
+                self.log(said_odometry('the robot', steps, len(order.scans), scale))
         return poses.placed
 
     def _take(self, scans: Sequence[PlacedScan]) -> None:

@@ -42,6 +42,7 @@ from ogm_mcmc.ros.collision_answers import CollisionAnswers
 from ogm_mcmc.ros.diagnostics import DIAGNOSTICS_S, Diagnostics
 from ogm_mcmc.ros.intake_health import WELL
 from ogm_mcmc.ros.managed_node import ManagedNode
+from ogm_mcmc.ros.odometry_intake import OdometryIntake
 from ogm_mcmc.ros.refine_report import (
     disagreement,
     nothing_recorded,
@@ -95,9 +96,11 @@ class RefineServer(ManagedNode):
         self._corrected_at = -CORRECTING_S
         self.corrected: TrajectoryIntake | None = None
         self.collisions: CollisionAnswers | None = None
+        self.odometry = OdometryIntake(self, self.intake, self.poses)
         self.worker = RefineWorker(
             self.sampler,
             self.poses,
+            odometry=self.odometry.at,
             map_every_s=self.settings.map_update_interval,
             state_file=self._state_file(),
             niceness=self.settings.niceness,
@@ -127,6 +130,7 @@ class RefineServer(ManagedNode):
     def begin(self) -> None:
         """Subscribe and record, and publish from now on."""
         self.intake.subscribe()
+        self.odometry.subscribe()
         self.corrected = TrajectoryIntake(self, self.intake, self.correct)
         self.collisions = CollisionAnswers(
             self,
@@ -172,6 +176,7 @@ class RefineServer(ManagedNode):
         """Record a placed scan; raises GridError when no window can hold it."""
         self.recording.add(placed)
         self.corrector.note(placed)
+        self.odometry.want(placed)
 
     def correct(self, nodes: Nodes) -> Corrected:
         """Place the recorded scans anew; sampling in progress goes on with them, warm."""
@@ -200,6 +205,7 @@ class RefineServer(ManagedNode):
     def on_housekeeping(self) -> None:
         """Drop scans that waited too long; publish what the worker handed over."""
         self.intake.pass_on()
+        self.odometry.adapt()
         if self.corrected is not None:
             self.corrected.adapt()
         self.sample_corrected()
@@ -229,6 +235,7 @@ class RefineServer(ManagedNode):
             'working': self.working,
             **status_values(status, self.sampler.window.no_return),
             'poses': self.poses.poses,
+            **self.odometry.values(),
             **correction_values(None if result is None else result.trajectory),
             'maps published': self.maps.map.topic.sent,
             'collision queries answered': self.collisions.answered if self.collisions else 0,
@@ -300,6 +307,7 @@ class RefineServer(ManagedNode):
         self._outdated = False
         self.recording.clear()
         self.corrector.clear()
+        self.odometry.clear()
         self.intake.clear()
         self.maps.clear(self.sampler.window.resolution)
         self.trajectory.clear(self.intake.settings.map_frame)

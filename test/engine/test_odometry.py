@@ -76,9 +76,9 @@ def test_moves_are_those_of_the_sensor():
 def test_a_track_keeps_what_was_wanted_when_it_is_known():
     track = OdometryTrack()
     track.want(SECOND // 2)
-    track.history.add(0, PoseBelief(Pose2D(0.0)))
+    track.add(0, PoseBelief(Pose2D(0.0)))
     assert track.at(SECOND // 2) is None
-    track.history.add(SECOND, PoseBelief(Pose2D(1.0)))
+    track.add(SECOND, PoseBelief(Pose2D(1.0)))
     track.settle()
     assert track.at(SECOND // 2) == Pose2D(0.5)
     track.want(SECOND // 4)

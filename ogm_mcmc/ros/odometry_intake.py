@@ -1,0 +1,81 @@
+"""Odometry beside the poses in use: where the robot was at its scans by its wheels."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from nav_msgs.msg import Odometry
+from rclpy.node import Node
+
+from ogm_mcmc.config import PosesConfig
+from ogm_mcmc.engine.odometry import OdometryTrack, odometry_frame
+from ogm_mcmc.engine.tf_poses import TfPoses
+from ogm_mcmc.errors import PoseError
+from ogm_mcmc.geometry import PlacedScan, Pose2D
+from ogm_mcmc.io import messages
+from ogm_mcmc.ros.pose_topics import AnyReliability
+from ogm_mcmc.ros.scan_intake import ScanIntake
+
+__all__ = ['OdometryIntake']
+
+TOPIC = 'odom'
+
+
+class OdometryIntake:
+    """Keeps the odometry at the stamps of recorded scans, for joint poses that want it.
+
+    With poses from tf it is the frame called odom above the base, else the topic `odom`. Where
+    odometry is the source of poses there is none beside it.
+    """
+
+    def __init__(self, node: Node, intake: ScanIntake, poses: PosesConfig) -> None:
+        self.node, self.intake = node, intake
+        source = intake.settings.pose_source
+        self.used = poses.joint and poses.trajectory.odometry and source != 'odom'
+        self.from_tf = source == 'tf'
+        self.track = OdometryTrack()
+        self._topic: AnyReliability | None = None
+
+    def subscribe(self) -> None:
+        """Begin to receive."""
+        if self.used and not self.from_tf:
+            self._topic = AnyReliability(self.node, Odometry, TOPIC, self.on_odometry)
+
+    def adapt(self) -> None:
+        """Listen as the publisher speaks, and keep what is known by now."""
+        if self._topic is not None:
+            self._topic.adapt()
+        self.track.settle()
+
+    def on_odometry(self, msg: Any) -> None:
+        """Take a pose of the odometry."""
+        try:
+            belief = messages.read_pose(msg, with_covariance=False)
+        except PoseError as error:
+            self.intake.problems.warn('odometry_invalid', f'odometry dropped: {error}')
+        else:
+            self.track.add(messages.stamp_of(msg), belief)
+
+    def want(self, placed: PlacedScan) -> None:
+        """Have the odometry at a scan kept."""
+        if not self.used:
+            return
+        if self.from_tf and not isinstance(self.track.source, TfPoses):
+            tree, base = self.intake.transforms.tree, self.intake.mounts.base_frame
+            frame = odometry_frame(tree, base)
+            if not frame:
+                return
+            self.track = OdometryTrack(TfPoses(tree, frame, base))
+        self.track.want(placed.scan.stamp_ns)
+
+    def at(self, stamp_ns: int) -> Pose2D | None:
+        """Return where the robot was at a scan by its wheels; None where that is not known."""
+        return self.track.at(stamp_ns)
+
+    def clear(self) -> None:
+        """Forget it."""
+        self.track.clear()
+
+    def values(self) -> dict[str, object]:
+        """Return what is known, for /diagnostics."""
+        return {'scans with odometry': len(self.track)} if self.used else {}
