@@ -39,7 +39,7 @@ from ogm_mcmc.config import (
     settings_of,
 )
 from ogm_mcmc.config.nodes import REFINE_CONFIGS, RefineSamplerConfig
-from ogm_mcmc.engine.joint_poses import PoseRefinement
+from ogm_mcmc.engine.joint_poses import PoseRefinement, choose_joint
 from ogm_mcmc.engine.odometry import said_odometry
 from ogm_mcmc.engine.refinement import Progress, Recording, Refinement
 from ogm_mcmc.engine.signals import interruptible
@@ -166,7 +166,10 @@ def _run(
         refinement = TiledRefinement(chosen.sampler, *shape, tiles)
     scans = recording.snapshot()
     poses: PoseRefinement | None = None
-    if joint:
+    choice = choose_joint(scans, chosen.poses, chosen.sampler.window.resolution)
+    if choice.why:
+        say(choice.why)
+    if choice.joint:
         poses = PoseRefinement(scans, settings, bag.odometry)
         with interruptible() as interrupted:
             refine_poses(poses, interrupted)
@@ -205,9 +208,9 @@ def _run(
     margin = chosen.shown.unknown_margin
     sampled = SampledMaps(refinement, maps, margin, options.thin, trajectory)
     result['files'] = write_all(sampled, chosen.output, result, options.folder, options.name)
-    print_result(
-        options, result, '\n'.join(filter(None, (_text(result), str(refinement.no_return))))
-    )
+    sensor = '' if refinement.sensor is None else f'sensor, 95 %: {refinement.sensor}'
+    lines = filter(None, (_text(result), sensor, str(refinement.no_return)))
+    print_result(options, result, '\n'.join(lines))
     return 0 if failed is None else 1
 
 

@@ -73,8 +73,10 @@ class PosesConfig:
     poses: str = setting(
         'fixed',
         'fixed: scans lie where the localizer puts them; joint: their poses are estimated from '
-        'the scans themselves and what the localizer says, then the map is sampled at them',
-        choices=('fixed', 'joint'),
+        'the scans themselves and what the localizer says, then the map is sampled at them; auto: '
+        'joint where the localizer says that it is unsure by more than half a cell or half a '
+        'degree and scans have 20 readings or more, else fixed',
+        choices=('fixed', 'joint', 'auto'),
     )
     trajectory: TrajectoryConfig = TrajectoryConfig()
 
@@ -84,5 +86,5 @@ class PosesConfig:
 
     @property
     def joint(self) -> bool:
-        """Whether poses are estimated."""
-        return self.poses == 'joint'
+        """Whether poses are estimated, or may be."""
+        return self.poses != 'fixed'

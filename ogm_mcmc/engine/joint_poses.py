@@ -9,19 +9,66 @@ v                                                    v
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ogm_mcmc.arrays import Float64Array
-from ogm_mcmc.config import TrajectoryConfig
+from ogm_mcmc.config import PosesConfig, TrajectoryConfig
 from ogm_mcmc.engine.odometry import OdometryAt, wheel_moves
 from ogm_mcmc.geometry import PlacedScan, Pose2D, PoseBelief
 from ogm_mcmc.trajectory import Moves, TrajectoryProgress, TrajectoryRefinement
 from ogm_mcmc.trajectory.points import wrapped
 
-__all__ = ['PoseRefinement', 'RefinedTrajectory']
+__all__ = ['KeptPoses', 'PoseRefinement', 'PosesChoice', 'RefinedTrajectory', 'choose_joint']
+
+# With fewer readings a scan, joint poses gained nothing (Intel, 4 or 5 a scan).
+ENOUGH_READINGS = 20
+
+UNSURE_RAD = math.radians(0.5)
+
+
+class PosesChoice(NamedTuple):
+    """Whether poses of some scans are estimated, and why (empty where that was asked for)."""
+
+    joint: bool
+    why: str = ''
+
+
+def choose_joint(
+    scans: Sequence[PlacedScan], config: PosesConfig, resolution_m: float
+) -> PosesChoice:
+    """Decide `poses: auto` for scans, whose map has cells of that side.
+
+    Joint, where beliefs say that they are unsure by more than half a cell or half a degree
+    (medians), and scans have enough readings to know better (median of `ENOUGH_READINGS`).
+    """
+    if config.poses != 'auto':
+        return PosesChoice(config.joint)
+    deviations = [found for one in scans if (found := _deviation(one.belief)) is not None]
+    if not deviations:
+        return PosesChoice(False, 'poses fixed: nothing says how sure they are')
+    place_m, turn_rad = np.median(np.array(deviations), axis=0)
+    readings = int(np.median([np.count_nonzero(one.scan.measured()) for one in scans]))
+    said = f'{100.0 * place_m:.1f} cm and {math.degrees(turn_rad):.2f} degrees unsure'
+    if place_m <= 0.5 * resolution_m and turn_rad <= UNSURE_RAD:
+        return PosesChoice(False, f'poses fixed: the localizer is only {said}')
+    if readings < ENOUGH_READINGS:
+        return PosesChoice(False, f'poses fixed: {readings} readings a scan are too few')
+    return PosesChoice(True, f'poses joint: the localizer is {said}, {readings} readings a scan')
+
+
+def _deviation(belief: PoseBelief) -> tuple[float, float] | None:
+    """Return the standard deviations of place (m) and heading (rad); None where none is said."""
+    covariance = belief.covariance
+    if belief.particles is not None:
+        covariance = belief.particles.covariance()
+    if covariance is None or not covariance.any():
+        return None
+    place = math.sqrt(0.5 * float(covariance[0, 0] + covariance[1, 1]))
+    return place, math.sqrt(float(covariance[2, 2]))
 
 
 class RefinedTrajectory(NamedTuple):
@@ -125,6 +172,34 @@ class PoseRefinement:
             figures['deviation_m'] = round(float(np.median(place)), 6)
             figures['deviation_deg'] = round(math.degrees(float(np.median(spread[:, 2]))), 6)
         return figures
+
+
+class KeptPoses:
+    """Poses of the scans asked for: refined once for the same scans, gone on with if need be."""
+
+    def __init__(self, config: PosesConfig, odometry: OdometryAt | None) -> None:
+        self.config, self.odometry = config, odometry
+        self.scans: Sequence[PlacedScan] = ()
+        self.refinement: PoseRefinement | None = None
+        self.placed: list[PlacedScan] = []
+        self.trajectory: RefinedTrajectory | None = None
+
+    def take(self, scans: Sequence[PlacedScan]) -> PoseRefinement:
+        """Return what refines the poses of these scans; that of before where they are the same."""
+        same = len(scans) == len(self.scans) and all(map(operator.is_, scans, self.scans))
+        if self.refinement is None or not same:
+            self.refinement = PoseRefinement(scans, self.config.trajectory, self.odometry)
+            self.scans = scans
+        return self.refinement
+
+    def keep(self) -> None:
+        """Take over the poses as they are now."""
+        assert self.refinement is not None
+        self.placed, self.trajectory = self.refinement.placed(), self.refinement.trajectory()
+
+    def forget(self) -> None:
+        """Leave no poses of before."""
+        self.scans, self.refinement, self.placed, self.trajectory = (), None, [], None
 
 
 def _deviations(covariances: Float64Array) -> Float64Array:

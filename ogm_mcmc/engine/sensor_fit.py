@@ -50,23 +50,38 @@ END_CELLS = 2.0
 # As if so many beams had been seen before, one of them wrong.
 SEEN_BEFORE = 100.0
 
+# For the ends of intervals: a thousandth of a deviation matters to nobody.
+INTERVAL_DRAWS = 20_000
+
 # Cells are no walls: a beam past the corner of one contradicts it. Shares are no smaller.
 LEAST_SHARE = 0.005
 
 
 class Share(NamedTuple):
-    """A share and its standard deviation, from so many beams."""
+    """A share and its standard deviation, from so many beams, and the ends of its 95 % interval.
+
+    The ends are those of draws from its posterior, a Beta distribution.
+    """
 
     mean: float
     deviation: float
     beams: int
+    low_95: float
+    high_95: float
 
     @classmethod
     def of(cls, wrong: float, beams: float) -> Share:
         """Return the posterior of a binomial share."""
         a, b = wrong + 1.0, beams - wrong + SEEN_BEFORE - 1.0
         mean = a / (a + b)
-        return cls(mean, math.sqrt(mean * (1.0 - mean) / (a + b + 1.0)), round(beams))
+        drawn = np.random.default_rng(0).beta(a, b, INTERVAL_DRAWS)
+        low, high = (float(end) for end in np.quantile(drawn, (0.025, 0.975)))
+        deviation = math.sqrt(mean * (1.0 - mean) / (a + b + 1.0))
+        return cls(mean, deviation, round(beams), low, high)
+
+    def __str__(self) -> str:
+        """Return `0.0123 (0.0090 to 0.0160)`."""
+        return f'{self.mean:.4f} ({self.low_95:.4f} to {self.high_95:.4f})'
 
 
 class SensorNumbers(NamedTuple):
@@ -75,8 +90,14 @@ class SensorNumbers(NamedTuple):
     clutter: Share
     missing: Share | None
 
+    def __str__(self) -> str:
+        """Return `clutter 0.0123 (0.0090 to 0.0160), missing 0.0051 (0.0043 to 0.0060)`."""
+        return ', '.join(
+            f'{name} {share}' for name, share in self._asdict().items() if share is not None
+        )
+
     def as_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON: by name a mean, its deviation, and the beams."""
+        """Return plain values for JSON: by name a mean, its deviation, beams and interval."""
         return {
             name: None if share is None else share._asdict()
             for name, share in self._asdict().items()

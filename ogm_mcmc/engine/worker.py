@@ -8,7 +8,6 @@ effect when the round of sampling in progress is over, about 0.1 s.
 from __future__ import annotations
 
 import contextlib
-import operator
 import os
 import threading
 import time
@@ -19,7 +18,7 @@ from typing import NamedTuple
 
 from ogm_mcmc.arrays import Float64Array
 from ogm_mcmc.config import PosesConfig, SamplerConfig, StopConfig
-from ogm_mcmc.engine.joint_poses import PoseRefinement, RefinedTrajectory
+from ogm_mcmc.engine.joint_poses import KeptPoses, RefinedTrajectory, choose_joint
 from ogm_mcmc.engine.kept_samples import MOST_SAMPLES, KeptSamples
 from ogm_mcmc.engine.no_returns import NoReturnChoice
 from ogm_mcmc.engine.odometry import OdometryAt, said_odometry
@@ -98,30 +97,6 @@ class _Order(NamedTuple):
     stop: StopConfig
 
 
-class _Poses:
-    """Poses of the scans of orders: refined once for the same scans, gone on with if need be."""
-
-    def __init__(self, config: PosesConfig, odometry: OdometryAt | None) -> None:
-        self.config, self.odometry = config, odometry
-        self.scans: Sequence[PlacedScan] = ()
-        self.refinement: PoseRefinement | None = None
-        self.placed: list[PlacedScan] = []
-        self.trajectory: RefinedTrajectory | None = None
-
-    def take(self, scans: Sequence[PlacedScan]) -> PoseRefinement:
-        """Return what refines the poses of these scans; that of before where they are the same."""
-        same = len(scans) == len(self.scans) and all(map(operator.is_, scans, self.scans))
-        if self.refinement is None or not same:
-            self.refinement = PoseRefinement(scans, self.config.trajectory, self.odometry)
-            self.scans = scans
-        return self.refinement
-
-    def keep(self) -> None:
-        """Take over the poses as they are now."""
-        assert self.refinement is not None
-        self.placed, self.trajectory = self.refinement.placed(), self.refinement.trajectory()
-
-
 class RefineWorker:
     """Samples the scans of the last order until a limit, a newer order, `stop` or `close`.
 
@@ -150,9 +125,10 @@ class RefineWorker:
         self.failure: BaseException | None = None
         self._refinement = Refinement(config)
         self._kept = KeptSamples(samples)
-        self._poses = _Poses(PosesConfig() if poses is None else poses, odometry)
+        self._poses = KeptPoses(PosesConfig() if poses is None else poses, odometry)
         self._handed_over = 0
         self._said_no_return: tuple[str, str] | None = None  # what was asked, what it came to
+        self._said_joint: bool | None = None
         self._earlier_sweeps = 0  # of these chains with scans of before
         self._changed = threading.Condition()  # of a re-entrant lock
         # Guarded by the condition:
@@ -246,7 +222,7 @@ class RefineWorker:
                 self._forget = False
                 self._refinement, self.status = Refinement(self.config), WorkerStatus()
                 self._earlier_sweeps = 0
-                self._poses = _Poses(self._poses.config, self._poses.odometry)
+                self._poses.forget()
                 self._kept.clear()
             self._at_work, self._order = self._order, None
             return self._at_work is not None or self._save or not self._closing
@@ -275,7 +251,7 @@ class RefineWorker:
     def _sample(self, order: _Order) -> None:
         scans, stop = order.scans, order.stop
         self.status = WorkerStatus('indexing', scans=len(scans), chain_sweeps=self._sweeps())
-        if self._poses.config.joint:
+        if self._are_joint(scans):
             began = time.monotonic()
             scans = self._refine_poses(order)
             if self._cancel not in ('', 'stopped'):
@@ -313,6 +289,16 @@ class RefineWorker:
     def _sweeps(self) -> int:
         sampler = self._refinement.sampler
         return self._earlier_sweeps + (0 if sampler is None else sampler.sweeps)
+
+    def _are_joint(self, scans: Sequence[PlacedScan]) -> bool:
+        """Return whether poses are estimated; where not, none are left from before."""
+        choice = choose_joint(scans, self._poses.config, self.config.window.resolution)
+        if choice.why and choice.joint != self._said_joint:
+            self.log(choice.why)
+            self._said_joint = choice.joint
+        if not choice.joint:
+            self._poses.trajectory = None
+        return choice.joint
 
     def _refine_poses(self, order: _Order) -> Sequence[PlacedScan]:
         """Return the scans where they are after half of the time, or when all is done."""

@@ -126,8 +126,7 @@ def sensor_values(sensor: SensorNumbers | None) -> dict[str, object]:
     """Return what was found out about the sensor, for /diagnostics; nothing where it is given."""
     shares = {} if sensor is None else sensor._asdict()
     return {
-        f'{name} beams (share, two standard deviations)': f'{share.mean:.4f} +- '
-        f'{2.0 * share.deviation:.4f}'
+        f'{name} beams (share, 95 % interval)': str(share)
         for name, share in shares.items()
         if share is not None
     }

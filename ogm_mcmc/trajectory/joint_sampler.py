@@ -15,6 +15,9 @@ poses  the trajectory is cut into stretches of one length, from a random offset.
        (the middle moves along, the Jacobian is 1), and accepted with min(1, p' / p). Given the
        map, stretches are independent but for measured moves from one to the next: where there are
        any, only every other one is moved, so each ratio is that of one stretch alone.
+shares clutter and missing, each on a ladder of values: one step up or down, as probable backwards
+       (at the ends it stays), accepted with min(1, p' / p): a Beta prior times the likelihood of
+       all beams. With a ladder only; else they are given.
 
 Likelihoods of proposals come from a `RayWindow` of their own, so they are those that the sweeps
 use, to the last rounding. Single scans freeze against a sharp map and whole stretches against
@@ -24,7 +27,7 @@ what others saw of the same walls: this is exact, not fast. See the note in the 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -39,7 +42,14 @@ from ogm_mcmc.sampling.cell_gibbs import first_hits
 from ogm_mcmc.trajectory.factors import PoseFactors
 from ogm_mcmc.trajectory.points import poses_of, wrapped
 
-__all__ = ['JointPosterior', 'JointState', 'Proposal', 'RigidStretches', 'split_r_hat']
+__all__ = [
+    'JointPosterior',
+    'JointState',
+    'Proposal',
+    'RigidStretches',
+    'ShareLadder',
+    'split_r_hat',
+]
 
 
 class Proposal(Protocol):
@@ -85,20 +95,49 @@ class RigidStretches:
         return wrapped(proposed)
 
 
+@dataclass(frozen=True)
+class ShareLadder:
+    """Values that the shares of clutter and of missing returns may have, in rising order.
+
+    Their prior is Beta(1, `seen_before` - 1), as if so many beams had been right, for each value
+    by as much of the ladder as it stands for: half way to its neighbours.
+    """
+
+    values: tuple[float, ...] = (0.001, 0.002, 0.005, 0.01, 0.02, 0.03, 0.05, 0.07, 0.1, 0.14, 0.2)
+    seen_before: float = 100.0
+
+    def __post_init__(self) -> None:
+        """Refuse what are no shares of two kinds, or stand in no order."""
+        values = np.asarray(self.values, np.float64)
+        rising = values.size > 1 and bool((np.diff(values) > 0.0).all())
+        require(rising and values[0] > 0.0, 'values', self.values, 'expected to rise from above 0')
+        require(values[-1] < 0.5, 'values', self.values, 'expected below 0.5')
+
+    def log_priors(self) -> Float64Array:
+        """Return the log-probability of every value, up to a constant."""
+        values = np.asarray(self.values, np.float64)
+        return (self.seen_before - 2.0) * np.log1p(-values) + np.log(np.gradient(values))
+
+
 class JointState(NamedTuple):
-    """A map, `cells` (H * W,) uint8 of the box, the `poses` (K, 3) and log p(z | m, x) (K,)."""
+    """A map, `cells` (H * W,) uint8 of the box, the `poses` (K, 3) and log p(z | m, x) (K,).
+
+    `shares`: where on the ladder clutter and missing stand; without one they say nothing.
+    """
 
     cells: UInt8Array
     poses: Float64Array
     log_likelihoods: Float64Array
+    shares: tuple[int, int] = (0, 0)
 
 
 class JointPosterior:
     """Maps and poses of K scans; `box` are the lattice cells that a map has.
 
     `order` (K,): the scans in the order they were taken; measured moves lead from one to the next
-    of it. Raises WindowError where the box does not hold the rays from the believed poses,
-    ConfigError for moves between scans that are no neighbours.
+    of it. `ladder`: clutter and missing returns of the sensor are drawn as well. Raises
+    WindowError where the box does not hold the rays from the believed poses, ConfigError for
+    moves between scans that are no neighbours.
     """
 
     def __init__(
@@ -112,7 +151,9 @@ class JointPosterior:
         chain: ChainConfig,
         proposal: Proposal | None = None,
         order: AnyArray | None = None,
+        ladder: ShareLadder | None = None,
     ) -> None:
+        self.ladder = ladder
         self.scans, self.factors, self.box = list(scans), factors, box
         self.window, self.model, self.chain = window, model, chain
         self.proposal: Proposal = RigidStretches() if proposal is None else proposal
@@ -137,8 +178,19 @@ class JointPosterior:
 
     # -- the density ------------------------------------------------------------------------
 
+    def model_at(self, shares: tuple[int, int]) -> ForwardModelConfig:
+        """Return the sensor's model with clutter and missing at these steps of the ladder."""
+        if self.ladder is None:
+            return self.model
+        clutter, missing = (self.ladder.values[step] for step in shares)
+        return replace(self.model, clutter=clutter, missing=missing)
+
     def log_likelihoods(
-        self, cells: UInt8Array, poses: Float64Array, which: AnyArray | None = None
+        self,
+        cells: UInt8Array,
+        poses: Float64Array,
+        which: AnyArray | None = None,
+        shares: tuple[int, int] = (0, 0),
     ) -> Float64Array:
         """Return log p(z | m, x) of the scans `which` (n,), nats; -inf from outside of the box."""
         chosen = np.arange(len(self.scans)) if which is None else which
@@ -150,7 +202,7 @@ class JointPosterior:
         ]
         result = np.full(chosen.size, -np.inf)
         used = np.flatnonzero(inside)
-        rays = RayWindow(self.window, self.model)
+        rays = RayWindow(self.window, self.model_at(shares))
         rays.add(PlacedScan.at(self.scans[chosen[i]], placed[i]) for i in used)
         per_scan = self.rays[chosen[used]]
         if per_scan.sum() == 0:
@@ -170,14 +222,19 @@ class JointPosterior:
         """Return log p(m, x | z) up to a constant, nats."""
         prior = self.chain.prior_log_odds * float(np.count_nonzero(state.cells))
         poses = self.factors.log_density(state.poses)
-        return prior + poses + float(state.log_likelihoods.sum())
+        result = prior + poses + float(state.log_likelihoods.sum())
+        if self.ladder is not None:
+            result += float(self.ladder.log_priors()[list(state.shares)].sum())
+        return result
 
     # -- a chain ----------------------------------------------------------------------------
 
-    def start(self, cells: UInt8Array, poses: Float64Array) -> JointState:
-        """Return the state of a map (H * W,) and poses (K, 3)."""
-        state = JointState(cells.copy(), poses.copy(), np.empty(len(self.scans)))
-        return state._replace(log_likelihoods=self.log_likelihoods(cells, poses))
+    def start(
+        self, cells: UInt8Array, poses: Float64Array, shares: tuple[int, int] = (0, 0)
+    ) -> JointState:
+        """Return the state of a map (H * W,), poses (K, 3) and steps of the ladder."""
+        values = self.log_likelihoods(cells, poses, shares=shares)
+        return JointState(cells.copy(), poses.copy(), values, shares)
 
     def advance(
         self, rng: Generator, state: JointState, *, sweeps: int = 1, tries: int = 1
@@ -191,11 +248,12 @@ class JointPosterior:
         for _ in range(tries):
             state, moving, moved = self.move_poses(rng, state)
             tried, accepted = tried + moving, accepted + moved
+        state = self.move_shares(rng, state)
         return state, accepted / max(tried, 1)
 
     def sweep_map(self, rng: Generator, state: JointState, sweeps: int) -> JointState:
         """Draw the map so many times, given the poses."""
-        rays = RayWindow(self.window, self.model)
+        rays = RayWindow(self.window, self.model_at(state.shares))
         rays.add(map(PlacedScan.at, self.scans, poses_of(state.poses)))
         model = CellModel(rays.index, self.chain.prior_log_odds, rays.spec.width, self.chain.order)
         part = model.start(self._part(state.cells, rays.spec))
@@ -211,7 +269,7 @@ class JointPosterior:
         values = part.records.view(np.float32)[:, 1].astype(np.float64)
         owner = np.repeat(np.arange(len(self.scans)), self.rays)
         sums = np.bincount(owner, values, minlength=len(self.scans))
-        return JointState(cells, state.poses, np.asarray(sums, np.float64))
+        return JointState(cells, state.poses, np.asarray(sums, np.float64), state.shares)
 
     def move_poses(self, rng: Generator, state: JointState) -> tuple[JointState, int, int]:
         """Propose stretches, accept each or not; count the scans that were tried and moved."""
@@ -224,14 +282,29 @@ class JointPosterior:
         proposed[~moving] = state.poses[~moving]
         which = np.flatnonzero(moving)
         likelihoods = state.log_likelihoods.copy()
-        likelihoods[which] = self.log_likelihoods(state.cells, proposed, which)
+        likelihoods[which] = self.log_likelihoods(state.cells, proposed, which, state.shares)
         ratio = self._log_ratios(state, proposed, likelihoods, stretch, moving)
         yes = np.log1p(-rng.random(ratio.size)) < ratio
         taken = yes[stretch] & moving
         poses = np.where(taken[:, None], proposed, state.poses)
         likelihoods = np.where(taken, likelihoods, state.log_likelihoods)
-        moved = JointState(state.cells, poses, likelihoods)
+        moved = state._replace(poses=poses, log_likelihoods=likelihoods)
         return moved, int(moving.sum()), int(taken.sum())
+
+    def move_shares(self, rng: Generator, state: JointState) -> JointState:
+        """Propose a step of clutter, then one of missing; accept each or not."""
+        if self.ladder is None:
+            return state
+        for which in (0, 1):
+            steps = list(state.shares)
+            steps[which] += 1 if rng.random() < 0.5 else -1
+            if not 0 <= steps[which] < len(self.ladder.values):
+                continue
+            proposed = self.start(state.cells, state.poses, (steps[0], steps[1]))
+            ratio = self.log_posterior(proposed) - self.log_posterior(state)
+            if np.log1p(-rng.random()) < ratio:
+                state = proposed
+        return state
 
     def _log_ratios(
         self,

@@ -8,7 +8,14 @@ from support.strategies import fan
 
 from ogm_mcmc.config import ChainConfig, ForwardModelConfig, SamplerConfig, WindowConfig
 from ogm_mcmc.engine.refinement import Refinement
-from ogm_mcmc.engine.sensor_fit import LEAST_SHARE, Share, _meets, _sum_around, fit_sensor
+from ogm_mcmc.engine.sensor_fit import (
+    LEAST_SHARE,
+    SensorNumbers,
+    Share,
+    _meets,
+    _sum_around,
+    fit_sensor,
+)
 from ogm_mcmc.geometry import HeldRays, PlacedScan, Pose2D
 
 FITTED = ChainConfig(sensor='fitted')
@@ -61,6 +68,9 @@ def test_shares_have_a_floor_and_deviations_of_a_beta():
     share = Share.of(3.0, 200.0)
     assert share.mean == pytest.approx(draws.mean(), rel=0.01)
     assert share.deviation == pytest.approx(draws.std(), rel=0.02)
+    ends = (share.low_95, share.high_95)
+    assert ends == pytest.approx(tuple(np.quantile(draws, (0.025, 0.975))), rel=0.05)
+    assert str(SensorNumbers(share, None)).startswith('clutter 0.0133 (0.00')
 
 
 def test_rays_that_are_cast_again_say_the_same(monkeypatch):

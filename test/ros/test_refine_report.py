@@ -70,13 +70,16 @@ def test_without_the_rule_nothing_is_missed():
 
 
 def test_what_was_found_out_about_the_sensor():
-    clutter, missing = Share(0.02, 0.003, 1000), Share(0.1, 0.01, 500)
+    clutter, missing = (
+        Share(0.02, 0.003, 1000, 0.0145, 0.0262),
+        Share(0.1, 0.01, 500, 0.081, 0.121),
+    )
     assert sensor_values(SensorNumbers(clutter, missing)) == {
-        'clutter beams (share, two standard deviations)': '0.0200 +- 0.0060',
-        'missing beams (share, two standard deviations)': '0.1000 +- 0.0200',
+        'clutter beams (share, 95 % interval)': '0.0200 (0.0145 to 0.0262)',
+        'missing beams (share, 95 % interval)': '0.1000 (0.0810 to 0.1210)',
     }
     assert list(sensor_values(SensorNumbers(clutter, None))) == [
-        'clutter beams (share, two standard deviations)'
+        'clutter beams (share, 95 % interval)'
     ]
     assert sensor_values(None) == {}
 

@@ -1,6 +1,7 @@
 """Maps and poses together: a tiny world in which every map and every pose can be counted."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,12 @@ from ogm_mcmc.errors import ConfigError, WindowError
 from ogm_mcmc.geometry import CellBox, Pose2D, PoseBelief, Scan
 from ogm_mcmc.sensors.forward_model import ForwardModel
 from ogm_mcmc.trajectory.factors import PoseFactors
-from ogm_mcmc.trajectory.joint_sampler import JointPosterior, RigidStretches, split_r_hat
+from ogm_mcmc.trajectory.joint_sampler import (
+    JointPosterior,
+    RigidStretches,
+    ShareLadder,
+    split_r_hat,
+)
 from ogm_mcmc.trajectory.moves import Moves
 from ogm_mcmc.trajectory.points import wrapped
 
@@ -24,6 +30,8 @@ MODEL = ForwardModelConfig(sigma=0.15, clutter=0.2, missing=0.05)
 WINDOW = WindowConfig(resolution=CELL, no_return='ignore', max_range=0.9, cut_sigma=0.0)
 CHAIN = ChainConfig(prior=0.3)
 REACH = 0.9
+# Clutter and missing returns; the prior says little, so that all steps are visited.
+LADDER = ShareLadder((0.05, 0.2, 0.45), seen_before=3.0)
 
 
 class Jumps:
@@ -64,7 +72,7 @@ def factors(*, with_move: bool) -> PoseFactors:
     return PoseFactors.of(beliefs, (1.0, 1.0, 1.0), moves)
 
 
-def posterior(*, with_move: bool) -> JointPosterior:
+def posterior(*, with_move: bool, ladder: ShareLadder | None = None) -> JointPosterior:
     return JointPosterior(
         [scan(reading) for reading in READINGS],
         factors(with_move=with_move),
@@ -73,6 +81,7 @@ def posterior(*, with_move: bool) -> JointPosterior:
         model=MODEL,
         chain=CHAIN,
         proposal=Jumps(),
+        ladder=ladder,
     )
 
 
@@ -200,5 +209,73 @@ def test_what_cannot_be_sampled_is_refused() -> None:
             [scan(0.5)], PoseFactors.of([PoseBelief(Pose2D(0.5, 0.1))], (1, 1, 1)), BOX,
             window=WINDOW, model=MODEL, chain=CHAIN,
         )  # fmt: skip
+    with pytest.raises(ConfigError, match='expected to rise'):
+        ShareLadder((0.1, 0.1))
+    with pytest.raises(ConfigError, match=r'expected below 0\.5'):
+        ShareLadder((0.1, 0.5))
     with pytest.raises(ConfigError, match='expected at least 4'):
         split_r_hat(np.zeros((2, 3)))
+
+
+def with_shares(
+    known: PoseFactors,
+) -> dict[tuple[tuple[int, ...], tuple[int, int], int, int], float]:
+    """Enumerate maps, places of both scans, and steps of clutter and of missing."""
+    weights = {}
+    for steps in itertools.product(range(3), repeat=2):
+        clutter, missing = (LADDER.values[step] for step in steps)
+        forward = ForwardModel.from_config(replace(MODEL, clutter=clutter, missing=missing))
+        prior = LADDER.log_priors()[list(steps)].sum()
+        hits = {
+            (x, reading, hit): forward.log_likelihood(float(np.float32(reading)), REACH, hit)
+            for x in PLACES
+            for reading in READINGS
+            for hit in {first_hit(c, x) for c in itertools.product((0, 1), repeat=WIDTH)}
+        }
+        for cells in itertools.product((0, 1), repeat=WIDTH):
+            for places in itertools.product(range(len(PLACES)), repeat=2):
+                poses = np.array([(PLACES[place], 0.1, 0.0) for place in places])
+                log_p = CHAIN.prior_log_odds * sum(cells) + known.log_density(poses) + prior
+                for (x, _, _), reading in zip(poses, READINGS, strict=True):
+                    log_p += hits[x, reading, first_hit(cells, x)]
+                weights[cells, places, *steps] = float(np.exp(log_p))
+    total = sum(weights.values())
+    return {state: weight / total for state, weight in weights.items()}
+
+
+def test_steps_of_sensor_shares_leave_the_enumerated_posterior_as_it_is(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Ratios are those of the enumerated posterior, and steps visit the ladder as it says."""
+    model = posterior(with_move=True, ladder=LADDER)
+    exact = with_shares(model.factors)
+    rng = np.random.default_rng(6)
+    states = sorted({key[:2] for key in exact})
+    for k in rng.choice(len(states), 4):
+        cells, places = states[k]
+        poses = np.array([(PLACES[at], 0.1, 0.0) for at in places])
+        grid = list(itertools.product(range(3), repeat=2))
+        found = [
+            model.log_posterior(model.start(np.array(cells, np.uint8), poses, steps))
+            for steps in grid
+        ]
+        pi = np.array([exact[(cells, places, *steps)] for steps in grid])
+        np.testing.assert_allclose(np.diff(found), np.diff(np.log(pi)), atol=1e-5)
+    draws = 8000
+    counts = np.zeros((3, 3))
+    known = {steps: model.start(np.array(cells, np.uint8), poses, steps) for steps in grid}
+    density = {steps: model.log_posterior(one) for steps, one in known.items()}
+    monkeypatch.setattr(model, 'start', lambda cells, poses, steps: known[steps])
+    monkeypatch.setattr(model, 'log_posterior', lambda state: density[state.shares])
+    state = known[0, 2]
+    for _ in range(draws):
+        state = model.move_shares(rng, state)
+        counts[state.shares] += 1.0 / draws
+    np.testing.assert_allclose(counts, pi.reshape(3, 3) / pi.sum(), atol=0.05)
+
+
+def test_shares_stay_where_they_are_given() -> None:
+    model, rng = posterior(with_move=False), np.random.default_rng(7)
+    state = model.start(np.zeros(WIDTH, np.uint8), model.factors.mean)
+    assert model.move_shares(rng, state) is state
+    assert model.model_at((2, 1)) == MODEL

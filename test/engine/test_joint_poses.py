@@ -1,0 +1,48 @@
+"""Whether poses are estimated where that is left to the data."""
+
+import math
+
+import numpy as np
+import pytest
+
+from ogm_mcmc.config import PosesConfig
+from ogm_mcmc.engine.joint_poses import choose_joint
+from ogm_mcmc.geometry import PlacedScan, Pose2D, PoseBelief, PoseSamples, Scan
+
+CELL = 0.1
+
+
+def placed(covariance: np.ndarray | None, beams: int = 30, **belief: object) -> list[PlacedScan]:
+    scan = Scan.checked(
+        np.ones(beams), angle_min_rad=0.0, angle_increment_rad=0.01,
+        range_min_m=0.0, range_max_m=5.0,
+    )  # fmt: skip
+    return [PlacedScan(scan, PoseBelief(Pose2D(), covariance, **belief))] * 3
+
+
+def spread(place_m: float, degrees: float) -> np.ndarray:
+    return np.diag(np.square([place_m, place_m, math.radians(degrees)]))
+
+
+@pytest.mark.parametrize(
+    ('scans', 'joint', 'why'),
+    [
+        (placed(None), False, 'nothing says how sure'),
+        (placed(np.zeros((3, 3))), False, 'nothing says how sure'),
+        (placed(spread(0.04, 0.4)), False, 'only 4.0 cm and 0.40 degrees unsure'),
+        (placed(spread(0.06, 0.4)), True, 'is 6.0 cm and 0.40 degrees unsure, 30 readings'),
+        (placed(spread(0.04, 0.6)), True, '0.60 degrees'),
+        (placed(spread(0.30, 5.0), beams=19), False, '19 readings a scan are too few'),
+    ],
+)
+def test_poses_are_estimated_where_the_localizer_is_unsure(scans, joint, why):
+    choice = choose_joint(scans, PosesConfig('auto'), CELL)
+    assert choice.joint == joint
+    assert why in choice.why
+    assert choose_joint(scans, PosesConfig('joint'), CELL) == (True, '')
+    assert choose_joint(scans, PosesConfig('fixed'), CELL) == (False, '')
+
+
+def test_particles_say_how_sure_they_are():
+    cloud = PoseSamples.checked(np.array([(-0.2, 0.0, 0.0), (0.2, 0.0, 0.0)]))
+    assert choose_joint(placed(None, particles=cloud), PosesConfig('auto'), CELL).joint
