@@ -46,10 +46,6 @@ LAYERS = ((0.0, 0.0), (0.5, 0.0), (0.0, 0.5), (0.5, 0.5))
 # A line is at least so many sides long (standard deviation of the points along it).
 LEAST_LENGTH = 0.125
 
-# As if so many points had been seen before, with such a standard deviation, m: a few points on a
-# line that was fitted to them lie on it all too well.
-SEEN_BEFORE, USUAL_SPREAD = 300.0, 0.02
-
 # Conjugate gradients stop when the gradient is so small a part of what it was.
 ACCURACY = 1e-4
 
@@ -163,8 +159,6 @@ def _spread(
     freedom = max(1.0 - 2.0 * share * surfels / points, 0.1)
     slope = max(slope, 0.1)
     variance = float(influence.sum()) / (slope**2 * weights * freedom)
-    seen = points * freedom
-    variance = (seen * variance + SEEN_BEFORE * USUAL_SPREAD**2) / (seen + SEEN_BEFORE)
     middle = max(float(influence.mean()), 1e-30)
     doubt = float(influence.std()) / middle / np.sqrt(points * freedom)
     return max(variance, 1e-8), slope, doubt

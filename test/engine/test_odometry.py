@@ -124,7 +124,7 @@ def test_odometry_of_a_bag_is_found_beside_its_poses(write_bag, make_scan, make_
     for k, stamp in enumerate(stamps):
         records += [
             ('/scan', stamp, make_scan(stamp)),
-            ('/pose', stamp, make_pose(stamp)),
+            ('/pose', stamp, make_pose(stamp, 0.1 * k)),
             ('/odom', stamp, ros_types.odometry(stamp, Pose2D(0.1 * k), 1.0, 0.0)),
         ]
     wanted = StreamChoice(**choice)
