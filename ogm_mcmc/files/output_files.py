@@ -38,7 +38,9 @@ __all__ = [
     'refuse_folder',
     'replacing',
     'replacing_set',
+    'scratch_folder',
     'writable_folder',
+    'write_through',
 ]
 
 # Bytes; a file name may have 255, and endings such as _trajectory_deviations.csv come on top.
@@ -53,13 +55,13 @@ def replacing(path: Path) -> Iterator[Path]:
 
     Raises OutputError when the place cannot be written to; nothing half-written is left.
     """
-    with _said(path), _scratch(path.parent) as scratch:
+    with _said(path), scratch_folder(path.parent) as scratch:
         temporary = scratch / path.name
         yield temporary
         refuse_folder(path)
-        _write_through(temporary)
+        write_through(temporary)
         os.replace(temporary, path)
-        _write_through(path.parent)
+        write_through(path.parent)
 
 
 @contextlib.contextmanager
@@ -71,12 +73,12 @@ def replacing_set(folder: Path, name: str, without: Sequence[str] = ()) -> Itera
     Raises OutputError; a failure before the first file is in its place leaves all as it was.
     """
     checked_name(name)
-    with _said(folder), _scratch(writable_folder(folder)) as scratch:
+    with _said(folder), scratch_folder(writable_folder(folder)) as scratch:
         yield scratch
         made = sorted(path.name for path in scratch.iterdir())
         for one in made:
             refuse_folder(folder / one)
-            _write_through(scratch / one)
+            write_through(scratch / one)
         described = f'{name}.yaml'
         image = _image_of(scratch / described) if described in made else None
         for one in made:
@@ -86,7 +88,7 @@ def replacing_set(folder: Path, name: str, without: Sequence[str] = ()) -> Itera
             _switch(scratch, folder, described, image)
         for one in set(without) - set(made):
             (folder / one).unlink(missing_ok=True)
-        _write_through(folder)
+        write_through(folder)
 
 
 def _switch(scratch: Path, folder: Path, described: str, image: str | None) -> None:
@@ -101,17 +103,17 @@ def _switch(scratch: Path, folder: Path, described: str, image: str | None) -> N
         fields = parse_yaml((scratch / described).read_text(encoding='utf-8'))
         first = scratch / f'{between}.yaml'
         first.write_text(_dumped({**fields, 'image': between}), encoding='utf-8')
-        _write_through(first)
+        write_through(first)
         shutil.copyfile(scratch / image, scratch / between)
-        _write_through(scratch / between)
+        write_through(scratch / between)
         os.replace(scratch / between, folder / between)
-        _write_through(folder)
+        write_through(folder)
         os.replace(first, folder / described)
-        _write_through(folder)
+        write_through(folder)
     os.replace(scratch / image, folder / image)
-    _write_through(folder)
+    write_through(folder)
     os.replace(scratch / described, folder / described)
-    _write_through(folder)
+    write_through(folder)
     (folder / between).unlink(missing_ok=True)
 
 
@@ -142,7 +144,7 @@ def _said(path: Path) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _scratch(folder: Path) -> Iterator[Path]:
+def scratch_folder(folder: Path) -> Iterator[Path]:
     """Yield a hidden folder inside of another; remove it in the end, and those of the dead."""
     _remove_leftovers(folder)
     with tempfile.TemporaryDirectory(
@@ -175,7 +177,7 @@ def _lives(pid: int) -> bool:
     return True
 
 
-def _write_through(path: Path) -> None:
+def write_through(path: Path) -> None:
     """Have a file or folder written to the disk itself, so that a power cut finds it there."""
     handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
     try:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import heapq
-import shutil
 import tempfile
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -15,6 +14,8 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.rosbag2.enums import CompressionFormat, CompressionMode
 
 from ogm_mcmc.errors import BagError, OgmError, OutputError
+from ogm_mcmc.files.folders import put_back, replace_folder
+from ogm_mcmc.files.output_files import scratch_folder
 from ogm_mcmc.io.bag_files import kind_of, storage_files, stored_note, unpack_file
 from ogm_mcmc.io.bag_storage import DEEPEST, Offer, Storage, StoredTopic, open_storage
 from ogm_mcmc.io.bag_types import TYPESTORE, MessageType, message_type, typestore
@@ -269,13 +270,16 @@ class BagWriter:
     def __init__(self, path: Path, *, overwrite: bool = False) -> None:
         self.path = path
         self.overwrite = overwrite
+        self._scratch = contextlib.ExitStack()
+        with self._explained():
+            put_back(path)
         if path.exists() and not (path / 'metadata.yaml').exists():
             raise OutputError(f'{path}: exists and is no rosbag2; expected a new name')
         if path.exists() and not overwrite:
             raise OutputError(f'{path}: exists already; expected a new name (or --overwrite)')
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            self._folder = Path(tempfile.mkdtemp(dir=path.parent, prefix=f'.{path.name}-'))
+            self._folder = self._scratch.enter_context(scratch_folder(path.parent))
         except OSError as error:
             raise OutputError(f'{path}: cannot be written ({error.strerror})') from error
         self._writer = Writer(
@@ -290,7 +294,7 @@ class BagWriter:
             with self._explained():
                 self._writer.open()
         except OutputError:
-            shutil.rmtree(self._folder, ignore_errors=True)
+            self._scratch.close()
             raise
         return self
 
@@ -320,19 +324,6 @@ class BagWriter:
         with self._explained():
             self._writer.write(self._connections[topic], time_ns, data)
 
-    def _put_in_place(self) -> None:
-        """Move the complete bag to its name; one that was there goes only after that."""
-        new, old = self._folder / self.path.name, self._folder / '.old'
-        if not self.path.exists():
-            new.replace(self.path)
-            return
-        self.path.replace(old)
-        try:
-            new.replace(self.path)
-        except BaseException:
-            old.replace(self.path)
-            raise
-
     def __exit__(
         self,
         kind: type[BaseException] | None,
@@ -344,6 +335,6 @@ class BagWriter:
             with self._explained():
                 self._writer.__exit__(kind, error, trace)
                 if kind is None:
-                    self._put_in_place()
+                    replace_folder(self._folder / self.path.name, self.path)
         finally:
-            shutil.rmtree(self._folder, ignore_errors=True)
+            self._scratch.close()

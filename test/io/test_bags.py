@@ -1,5 +1,7 @@
 """Bags of three kinds, written here and read back by `BagReader`."""
 
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +10,7 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Ros2Writer
 
 from ogm_mcmc.errors import BagError, OutputError
+from ogm_mcmc.files import folders, output_files
 from ogm_mcmc.io import ros_types
 from ogm_mcmc.io.bags import BagReader, BagTopic, BagWriter, typestore
 
@@ -211,12 +214,13 @@ def test_an_old_bag_stays_whole_until_the_new_one_is_in_place(
     replace = Path.replace
 
     def fails(self, target):
-        if Path(target).name == '.old' if failing == 'old' else Path(target) == path:
+        if Path(target).name.endswith('-before') == (failing == 'old'):
             monkeypatch.setattr(Path, 'replace', replace)
             raise OSError(5, 'Input/output error')
         return replace(self, target)
 
     monkeypatch.setattr(Path, 'replace', fails)
+    monkeypatch.setattr(folders, '_exchanged', lambda one, other: False)
     with (
         pytest.raises(OutputError, match='Input/output error'),
         BagWriter(path, overwrite=True) as bag,
@@ -232,6 +236,23 @@ def test_an_old_bag_gives_way_to_a_complete_one(tmp_path, write_bag, recording, 
         bag.write('/scan', ros_types.SCAN, 1, make_scan(1))
     with BagReader(path) as bag:
         assert bag.message_count == 1
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_writer_removes_what_a_killed_one_left_and_puts_the_old_bag_back(
+    tmp_path, write_bag, recording, make_scan
+):
+    path = write_bag(recording)
+    path.rename(tmp_path / f'.{path.name}-before')  # killed between two renames
+    ended = subprocess.run([sys.executable, '-c', 'import os; print(os.getpid())'], stdout=-1)
+    left = tmp_path / f'.ogm_mcmc-{output_files._host()}-{int(ended.stdout)}-abc'
+    left.mkdir()
+    with pytest.raises(OutputError, match='exists already'):
+        BagWriter(path)
+    with BagReader(path) as bag:
+        assert bag.message_count == len(recording)
+    with BagWriter(path, overwrite=True) as bag:
+        bag.write('/scan', ros_types.SCAN, 1, make_scan(1))
     assert list(tmp_path.iterdir()) == [path]
 
 
