@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -16,19 +17,31 @@ __all__ = ['read_points', 'write_prediction']
 
 FURTHEST_M = 1e6
 
+# x or y by itself, what it belongs to in front of it and the unit behind it.
+AXIS = re.compile(r'(?:.*[./ ])?([xyXY])(?:_m)?(?: *[(\[].*)?$')
+
 
 def read_points(path: Path) -> Float64Array:
     """Read points (N, 2), m: a line `x,y` each, more columns are left alone, `#` begins a remark.
 
-    A first line without numbers names the columns. Raises PointsError with the line at fault.
+    The first line may name the columns: x and y are taken where it says they are, else the first
+    two. Columns are parted by commas, by blanks, or by semicolons, with points or commas in the
+    numbers then. Raises PointsError with the line at fault.
     """
     points: list[tuple[float, float]] = []
+    columns, seen = (0, 1), False
     try:
         with file_to_read(path) as stream:
-            for number, raw in enumerate(stream, start=1):
-                words = raw.decode().partition('#')[0].replace(',', ' ').split()
-                if words and not (number == 1 and words[0][0].isalpha()):
-                    points.append(_point(words, f'{path}: line {number}'))
+            lines = stream.read().decode('utf-8-sig').splitlines()
+        for number, line in enumerate(lines, start=1):
+            words = _words(line)
+            if not any(words):
+                continue
+            if not seen and all(map(_is_name, words)):
+                columns = _columns_of(words)
+            else:
+                points.append(_point(words, columns, f'{path}: line {number}'))
+            seen = True
     except PointsError:
         raise
     except (OSError, ValueError) as error:
@@ -38,14 +51,48 @@ def read_points(path: Path) -> Float64Array:
     return np.array(points)
 
 
-def _point(words: list[str], where: str) -> tuple[float, float]:
+def _words(line: str) -> list[str]:
+    """Return what a line says in each column, without quotes."""
+    said = line.partition('#')[0].strip()
+    if ';' in said:
+        words = [word.replace(',', '.') for word in said.split(';')]
+    else:
+        words = said.split(',') if ',' in said else said.split()
+    return [word.strip(' \t"\'') for word in words]
+
+
+def _is_name(word: str) -> bool:
+    """Whether a word may name a column; nan and inf do not."""
     try:
-        x, y = float(words[0]), float(words[1])
+        float(word)
+    except ValueError:
+        return not word or word[0].isalpha() or word[0] == '_'
+    return False
+
+
+def _columns_of(names: list[str]) -> tuple[int, int]:
+    """Return which columns are x and y, by names such as `X [m]`, `x_m` or `pose.x`."""
+    found = [match[1].lower() if (match := AXIS.match(name)) else '' for name in names]
+    if found.count('x') == 1 and found.count('y') == 1:
+        return found.index('x'), found.index('y')
+    return 0, 1
+
+
+def _point(words: list[str], columns: tuple[int, int], where: str) -> tuple[float, float]:
+    try:
+        x, y = (_number(words[column]) for column in columns)
     except (IndexError, ValueError):
-        raise PointsError(f'{where}: {" ".join(words)[:40]}: expected x,y in m') from None
+        shown = ' '.join(word if word.isprintable() else '?' for word in words)[:40]
+        raise PointsError(f'{where}: {shown}: expected x,y in m') from None
     if not (abs(x) <= FURTHEST_M and abs(y) <= FURTHEST_M):
         raise PointsError(f'{where}: {x:g}, {y:g}: expected finite numbers up to {FURTHEST_M:g} m')
     return x, y
+
+
+def _number(word: str) -> float:
+    if '_' in word:  # Python's, nobody else's
+        raise ValueError(word)
+    return float(word)
 
 
 def write_prediction(

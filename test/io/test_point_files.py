@@ -14,6 +14,45 @@ def test_points_with_and_without_names_and_remarks(tmp_path):
 
 
 @pytest.mark.parametrize(
+    'content',
+    [
+        b'\xef\xbb\xbf1.5,-2\n3,4\n',
+        b'\xef\xbb\xbfx,y\n1.5,-2\n3,4\n',
+        b'x,y\r\n1.5,-2\r\n3,4\r\n',
+        b'x,y\r1.5,-2\r3,4\r',
+        b'x;y\n1.5;-2\n3;4\n',
+        b'x;y\n1,5;-2,0\n3,0;4\n;\n',
+        b'x\ty\n1.5\t-2\n3\t4',
+        b'"x","y"\n"1.5","-2"\n"3","4"\n,\n',
+        b'# of a tape measure\n\nx,y\n1.5,-2\n3,4 # door\n',
+    ],
+    ids=['bom', 'bom names', 'crlf', 'cr', ';', 'decimal comma', 'tab', 'quotes', 'remarks'],
+)
+def test_what_tables_of_others_look_like(tmp_path, content):
+    path = tmp_path / 'points.csv'
+    path.write_bytes(content)
+    assert read_points(path).tolist() == [[1.5, -2.0], [3.0, 4.0]]
+
+
+@pytest.mark.parametrize(
+    'content',
+    [
+        'id,x,y\n7,1,2\n',
+        'y,x\n2,1\n',
+        'stamp,pose.x,pose.y,pose.yaw\n9,1,2,0\n',
+        ',Y [m],X [m]\n0,2,1\n',
+        't y_m x_m\n5 2 1\n',
+        'easting,northing\n1,2\n',
+        'x,y,x\n1,2,3\n',
+    ],
+)
+def test_columns_are_found_by_their_names(tmp_path, content):
+    path = tmp_path / 'points.csv'
+    path.write_text(content)
+    assert read_points(path).tolist() == [[1.0, 2.0]]
+
+
+@pytest.mark.parametrize(
     ('content', 'said'),
     [
         ('', 'no point: expected lines x,y'),
@@ -22,6 +61,14 @@ def test_points_with_and_without_names_and_remarks(tmp_path):
         ('1,2\na,b\n', 'line 2: a b: expected x,y'),
         ('1,inf\n', 'line 1: 1, inf: expected finite numbers up to 1e\\+06 m'),
         ('1,nan\n', 'line 1: 1, nan: expected finite'),
+        ('nan,1\n2,3\n', 'line 1: nan, 1: expected finite'),
+        ('1,,2\n', 'line 1: 1  2: expected x,y'),
+        ('id,x,y\n1,2\n', 'line 2: 1 2: expected x,y'),
+        ('x,y\nx,y\n', 'line 2: x y: expected x,y'),
+        ('1o,2\n3,4\n', 'line 1: 1o 2: expected x,y'),
+        ('[1,2]\n', 'line 1: .1 2.: expected x,y'),
+        ('1_0,2\n', 'line 1: 1_0 2: expected x,y'),
+        ('1\x1b[2J,2\n', 'line 1: \\? 2: expected x,y'),
         ('1,2\xff\n', 'expected lines x,y'),
     ],
 )
