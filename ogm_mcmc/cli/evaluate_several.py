@@ -150,11 +150,17 @@ def compared_by_beams(
     values, scores, figures, columns = {}, {}, {}, {}
     for name, grid_map in maps.items():
         with tqdm(beams.placed, unit=' scans', desc=f'judge {name}', disable=None) as bar:
-            values[name] = beam_log_likelihood(grid_map, bar, model, prior=config.unknown)
+            try:
+                values[name] = beam_log_likelihood(grid_map, bar, model, prior=config.unknown)
+            except GridError as error:
+                raise GridError(f'{name}: {error}') from error
         own = beams._replace(cell=cells_of_ends(beams.placed, grid_map.spec))
         figures[name] = beam_figures(own, values[name])
         mean = beams.mean(values[name])
-        columns[name] = {'nats a beam': f'{mean.value:.4f} +- {mean.standard_error:.4f}'}
+        columns[name] = {
+            'nats a beam': f'{mean.value:.4f} +- {mean.standard_error:.4f}',
+            'end outside': f'{int(own.leaving.sum())} of {own.scan.size}',
+        }
         if points is None:
             continue
         scores[name] = judged_points(grid_map, points, config)

@@ -11,6 +11,7 @@ from ogm_mcmc.arrays import AnyArray, Float64Array
 from ogm_mcmc.errors import ConfigError, require
 from ogm_mcmc.evaluation.first_hit_kernels import scan_first_hits
 from ogm_mcmc.geometry import GridMap, Pose2D
+from ogm_mcmc.geometry.rays import on_lattice
 
 __all__ = ['FirstHits', 'first_hits']
 
@@ -39,12 +40,14 @@ def first_hits(
     """Return where beams end if the cells are independent with the probabilities of the map.
 
     Unknown cells and those outside of the map are occupied with probability `prior`. `depth`
-    says where inside a cell a beam is reflected, as a share of its way through.
+    says where inside a cell a beam is reflected, as a share of its way through. Raises GridError
+    for a sensor absurdly far away from the map.
     """
     require(0.0 <= depth <= 1.0, 'depth', depth, 'expected 0 to 1')
     require(0.0 <= prior <= 1.0, 'prior', prior, 'expected 0 to 1')
     require(0.0 < reach_m < math.inf, 'reach', reach_m, 'expected a positive distance, m')
     spec = grid_map.spec
+    on_lattice(sensor, spec)
     bearings = np.asarray(bearings_rad, np.float64).ravel()
     if not np.isfinite(bearings).all():
         raise ConfigError('bearings: expected finite angles')

@@ -27,9 +27,10 @@ from ogm_mcmc.files.yaml_files import read_yaml
 from ogm_mcmc.geometry import GridMap, GridSpec
 from ogm_mcmc.io.map_images import MOST_CELLS, yaml_number, yaml_origin
 
-__all__ = ['ARRAY_SUFFIXES', 'load_array_map']
+__all__ = ['ARRAY_SUFFIXES', 'load_array_map', 'within_rounding']
 
 ARRAY_SUFFIXES = ('.npy', '.mat')
+ROUNDING = 1e-6
 VALUES = ('probability', 'percent', 'log_odds')
 FIRST_ROWS = ('bottom', 'top')
 
@@ -50,7 +51,7 @@ def load_array_map(path: Path, most_cells: int = MOST_CELLS) -> GridMap:
         raise
     except ValueError as error:
         raise MapFileError(f'{beside}: {error}') from error
-    read = _read_npy if path.suffix == '.npy' else _read_mat
+    read = _read_npy if path.suffix.lower() == '.npy' else _read_mat
     array = read(path, fields.get('variable'), most_cells)
     probability = _probability(path, array, values)
     if first_row == 'top':
@@ -108,6 +109,10 @@ def _read_mat(path: Path, variable: object, most_cells: int) -> AnyArray:
             array = np.asarray(loadmat(stream, variable_names=[chosen])[chosen])
     except MapFileError:
         raise
+    except NotImplementedError as error:
+        raise MapFileError(
+            f"{path}: a MAT file of version 7.3: expected one that save(..., '-v7') writes"
+        ) from error
     except Exception as error:  # a damaged file fails in more ways than can be listed
         raise MapFileError(f'{path}: expected a MAT file ({reason_of(error)})') from error
     _check(path, array.shape, array.dtype.kind in 'fiub', most_cells)
@@ -139,13 +144,26 @@ def _check(path: Path, shape: tuple[int, ...], is_number: bool, most_cells: int)
 
 def _probability(path: Path, array: AnyArray, values: str) -> Float32Array:
     numbers: Float64Array = array.astype(np.float64)
-    low, high, text = 0.0, 1.0, 'values from 0 to 1, or nan'
+    text = 'values from 0 to 1, or nan'
     if values == 'log_odds':
         with np.errstate(over='ignore'):
             numbers = 1.0 / (1.0 + np.exp(-numbers))
     elif values == 'percent':
         numbers = np.where(numbers < 0.0, np.nan, numbers / 100.0)
         text = 'percents from 0 to 100, below 0 or nan where unknown'
-    if np.nanmin(numbers, initial=low) < low or np.nanmax(numbers, initial=high) > high:
+    probability = within_rounding(numbers)
+    if probability is None:
         raise MapFileError(f'{path}: {values}: expected {text} ("values" in its YAML)')
-    return numbers.astype(np.float32)
+    return probability
+
+
+def within_rounding(numbers: AnyArray) -> Float32Array | None:
+    """Return numbers as probabilities, those by a rounding error outside of 0 to 1 moved there.
+
+    None where one is further off.
+    """
+    low, high = np.nanmin(numbers, initial=0.0), np.nanmax(numbers, initial=1.0)
+    if not (low >= -ROUNDING and high <= 1.0 + ROUNDING):
+        return None
+    found = numbers.astype(np.float32, order='C', copy=False)
+    return found if low >= 0.0 and high <= 1.0 else found.clip(0.0, 1.0)

@@ -18,7 +18,7 @@ import numpy as np
 import yaml
 from PIL import Image
 
-from ogm_mcmc.arrays import AnyArray, Float32Array, UInt8Array
+from ogm_mcmc.arrays import AnyArray, UInt8Array
 from ogm_mcmc.config import OutputConfig
 from ogm_mcmc.errors import MapFileError
 from ogm_mcmc.files.npz_files import NUMBER, Field, read_npz
@@ -26,7 +26,7 @@ from ogm_mcmc.files.output_files import checked_name, replacing, replacing_set
 from ogm_mcmc.files.pictures import probability_image
 from ogm_mcmc.geometry import GridMap, GridSpec
 from ogm_mcmc.geometry.grid_map import trinary_values
-from ogm_mcmc.io.map_arrays import ARRAY_SUFFIXES, load_array_map
+from ogm_mcmc.io.map_arrays import ARRAY_SUFFIXES, load_array_map, within_rounding
 from ogm_mcmc.io.map_images import (
     LEAST_YAW,
     MOST_CELLS,
@@ -148,11 +148,12 @@ def load_grid(path: Path, most_cells: int = MOST_CELLS) -> GridMap:
 
     A map of more than `most_cells` cells is refused before it takes memory.
     """
-    if path.suffix == '.npz':
+    suffix = path.suffix.lower()
+    if suffix == '.npz':
         return load_npz(path, most_cells)
-    if path.suffix in ('.yaml', '.yml'):
+    if suffix in ('.yaml', '.yml'):
         return load_map(path, most_cells)
-    if path.suffix in ARRAY_SUFFIXES:
+    if suffix in ARRAY_SUFFIXES:
         return load_array_map(path, most_cells)
     raise MapFileError(
         f'{path}: expected a map YAML (.yaml), probabilities (.npz) or an array (.npy, .mat)'
@@ -170,8 +171,8 @@ def load_npz(path: Path, most_cells: int = MOST_CELLS) -> GridMap:
             f'{path}: {width} x {height} cells: expected at most {most_cells} (--max-cells)'
         )
     with np.errstate(over='ignore', invalid='ignore'):
-        probability: Float32Array = stored.astype(np.float32, copy=False)
-    if np.nanmin(probability, initial=0.0) < 0.0 or np.nanmax(probability, initial=1.0) > 1.0:
+        probability = within_rounding(stored)
+    if probability is None:
         raise MapFileError(f'{path}: probability: expected values from 0 to 1, or nan')
     resolution, (x, y, yaw) = float(held['resolution']), map(float, origin)
     if not (np.isnan(yaw) or abs(yaw) <= LEAST_YAW):

@@ -105,6 +105,10 @@ def test_maps_of_other_grids_are_judged_by_the_same_beams(theirs, capsys):
     assert [one['beams']['beams'] for one in result['maps'].values()] == [4, 4]
     outside = [one['beams']['ending_outside']['beams'] for one in result['maps'].values()]
     assert outside == [0, 1]
+    assert run(['evaluate', 'good.npz', 'coarse.npz', '--beams', 'bag', '-o', 'out']) == 0
+    header, good, coarse_row = capsys.readouterr().out.splitlines()[:3]
+    at = header.index('end outside')
+    assert (good[at:].split()[0], coarse_row[at:].split()[0]) == ('0', '1')
     result = asked(capsys, 'good.npz', 'coarse.npz', '--beams', 'bag', '--leaving', 'exclude')
     assert [one['beams']['beams'] for one in result['maps'].values()] == [3, 3]
     assert result['beams']['left_out'] == 1
@@ -136,3 +140,12 @@ def test_names(tmp_path, monkeypatch):
     assert named_maps(['d=e=f.npz'])['d'].name == 'e=f.npz'
     with pytest.raises(ConfigError, match='without NUL'):
         named_maps(['a\0.npz'])
+
+
+def test_a_map_too_far_away_for_beams_is_named(theirs, capsys):
+    far = GridMap(GridSpec(0.1, 4, 3, anchor_x_m=-1e18), POOR)
+    save_npz(far, theirs / 'far.npz', {})
+    assert run(['evaluate', 'good.npz', 'theirs=far.npz', '--beams', 'bag']) == 2
+    said = capsys.readouterr().err
+    assert 'error: theirs: pose (' in said
+    assert 'too far from the map' in said

@@ -176,6 +176,14 @@ def test_information_is_the_expected_fall_of_entropy_over_every_map():
     assert known[0] == pytest.approx(0.0, abs=1e-12)
 
 
+@pytest.mark.parametrize('x_m', [1e18, -1e18, 1e300])
+def test_a_map_absurdly_far_away_is_refused(x_m):
+    """Where a cell is less than the rounding of its place, no beam can meet it."""
+    far = corridor(0.5, 0.5)._replace(spec=GridSpec(1.0, 2, 1, anchor_x_m=x_m))
+    with pytest.raises(GridError, match='too far from the map'):
+        beam_log_likelihood(far, [PlacedScan.at(fan(2.0), Pose2D(0.5, 0.5))], gaussian)
+
+
 def test_what_makes_no_sense():
     for arguments in ({'prior': 2.0}, {'depth': -1.0}):
         with pytest.raises(ConfigError):

@@ -41,6 +41,14 @@ def test_a_turned_sensor():
     assert np.allclose(points.xy_m, [[0.4, 0.5], [0.2, 0.5], [0.0, 0.5]])
 
 
+def test_more_points_than_memory_holds_are_refused():
+    """Two beams of 2 m: 40 free points and 2 ends with 0.1 m between them, 400 and 2 with 1 cm."""
+    beams = beams_of(looking(2.0), looking(2.0))
+    assert held_out_points(beams, 0.1, most=42).occupied.size == 42
+    with pytest.raises(ConfigError, match=r'point_step is 0.01.* 402 points'):
+        held_out_points(beams, 0.01, most=401)
+
+
 def test_what_the_map_says():
     xy = [[0.0, 0.0], [1.0, 0.999], [2.99, 0.5], [3.5, 0.5], [-0.01, 0.5], [4.0, 0.5], [0.5, 1.0]]
     assert probability_at(MAP, xy, 0.4) == pytest.approx([0.1, 0.3, 0.9, 0.4, 0.4, 0.4, 0.4])

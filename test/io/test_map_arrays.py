@@ -4,6 +4,7 @@ import sys
 
 import numpy as np
 import pytest
+import yaml
 from scipy.io import savemat
 
 from ogm_mcmc.errors import MapFileError
@@ -41,6 +42,33 @@ def test_other_values(tmp_path):
     assert np.allclose(read, CELLS, equal_nan=True)
     read = load_grid(written(tmp_path, CELLS[::-1], 'first_row: top')).probability
     assert np.array_equal(read, CELLS, equal_nan=True)
+
+
+def test_a_rounding_error_outside_of_0_and_1_is_none(tmp_path):
+    nearly = np.array([[1.0 + 2e-7, -2e-7, 0.5]])
+    assert load_grid(written(tmp_path, nearly)).probability.tolist() == [[1.0, 0.0, 0.5]]
+    percent = 100.0 * nearly
+    read = load_grid(written(tmp_path, percent.clip(0.0), 'values: percent')).probability
+    assert read.tolist() == [[1.0, 0.0, 0.5]]
+    path = tmp_path / 'theirs.npz'
+    np.savez(path, probability=nearly, resolution=0.5, origin=np.zeros(3))
+    assert load_grid(path).probability.tolist() == [[1.0, 0.0, 0.5]]
+
+
+@pytest.mark.parametrize('suffix', ['.NPY', '.Npz', '.YAML'])
+def test_suffixes_in_capitals(tmp_path, suffix):
+    """As cameras and Windows write them."""
+    path = tmp_path / f'theirs{suffix}'
+    if suffix == '.NPY':
+        written(tmp_path, CELLS).rename(path)
+    elif suffix == '.Npz':
+        np.savez(tmp_path / 'it.npz', probability=CELLS, resolution=0.5, origin=np.zeros(3))
+        (tmp_path / 'it.npz').rename(path)
+    else:
+        fields = {'image': 'G.PGM', 'negate': 0, 'occupied_thresh': 0.65, 'free_thresh': 0.25}
+        path.write_text(yaml.safe_dump({**fields, 'resolution': 0.5, 'origin': [0, 0, 0]}))
+        (tmp_path / 'G.PGM').write_bytes(b'P5\n3 2\n255\n' + bytes([0, 0, 0, 0, 0, 0]))
+    assert load_grid(path).probability.shape == (2, 3)
 
 
 def test_mat(tmp_path):
@@ -86,6 +114,13 @@ def test_what_is_wrong_is_one_line(tmp_path, array, text, said):
     with pytest.raises(MapFileError, match=said) as caught:
         load_grid(path)
     assert '\n' not in str(caught.value)
+
+
+def test_a_mat_file_of_version_7_3_says_how_to_save_it(tmp_path):
+    path = written(tmp_path, {'grid': CELLS}, suffix='.mat')
+    path.write_bytes(b'MATLAB 7.3 MAT-file'.ljust(124) + b'\x00\x02IM' + bytes(512))
+    with pytest.raises(MapFileError, match=r'theirs.mat: .*version 7.3.*save.*-v7'):
+        load_grid(path)
 
 
 def test_files_that_are_no_such_map(tmp_path):
