@@ -87,7 +87,7 @@ def _looked_into(bag_path: Path, options: argparse.Namespace) -> DemoInput:
         beams = len(bag.decode(first).ranges)
     # Of the others some need messages that are not installed everywhere. What moves on the robot
     # `replay` sends together with computed poses.
-    moving = any(one.origin == 'tf' for one in found)
+    moving = any(one.moves for one in found)
     sent = topics.pose_source in ('pose', 'pose_stamped', 'odom', 'particles')
     recorded = sent and not moving
     computed = '' if recorded else topics.pose_source
@@ -99,7 +99,7 @@ def _looked_into(bag_path: Path, options: argparse.Namespace) -> DemoInput:
         computed,
         topics.map_frame,
         topics.base_frame,
-        mounts_setting(one for one in found if one.origin != 'tf'),
+        mounts_setting(one for one in found if not one.moves),
         moving,
         topics.n_scans,
         beams,

@@ -158,6 +158,10 @@ def choose_topics(bag: BagReader, choice: StreamChoice) -> StreamTopics:
     remarks: list[str] = []
     if choice.sensor == 'scan' and not named:
         scans, remarks = _lasers(found, seen.tree, frames.base_frame, choice.mounts)
+    if others and not named:
+        robot = _robot_of(first.name) or 'the one without a namespace'
+        line = f'scans of robot {robot}; also there: {", ".join(sorted(others))} (--scan-topic)'
+        remarks = [line, *remarks]
     return _with_poses(bag, choice, scans, seen, frames, remarks)
 
 

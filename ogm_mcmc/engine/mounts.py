@@ -22,21 +22,27 @@ __all__ = ['MountFound', 'Mounts', 'mounts_setting', 'names_a_place']
 # At most this many lines about mounts are logged.
 MAX_TOLD = 20
 
-# Origins of mounts that are another one at each stamp.
-MOVING = ('tf', 'topic')
+# Origins of mounts that are, or may be, another one at each stamp.
+MOVES = 'tf, moving'
+MOVING = ('tf', MOVES, 'topic')
 
 
 class MountFound(NamedTuple):
     """What was decided about a sensor, for a line in the log.
 
-    `origin`: `tf_static`, `tf` (it moves), `topic` (likewise), `parameters`, or empty where
-    nothing says where it sits and it is taken to be at the origin of the base.
+    `origin`: `tf_static`, `tf` (sent again and again), `tf, moving`, `topic`, `parameters`, or
+    empty where nothing says where it sits and it is taken to be at the origin of the base.
     """
 
     frame: str
     base_frame: str
     mount: SensorMount
     origin: str
+
+    @property
+    def moves(self) -> bool:
+        """Whether a recording says that the sensor moves on the robot."""
+        return self.origin == MOVES
 
     @property
     def guessed(self) -> bool:
@@ -119,8 +125,10 @@ class Mounts:
             raise Unplaceable('scan_bad_mount') from None
         if self.source == 'topic':
             return self._found(frame, mount, 'topic')
-        moves = self.transforms.mount_moves(frame)
-        return self._found(frame, mount, 'tf' if moves else 'tf_static')
+        origin = 'tf_static'
+        if self.transforms.mount_is_sent_again(frame):
+            origin = MOVES if self.transforms.mount_moves(frame) else 'tf'
+        return self._found(frame, mount, origin)
 
     def restart(self, stamp_ns: int) -> None:
         """Forget what moves ahead of a stamp: time started again there."""

@@ -51,6 +51,7 @@ class TfPoses:
         self.max_gap_ns = round(max_gap_s * NS_PER_S)
         self.max_speed_m_s = max_speed_m_s
         self.max_turn_rad_s = max_turn_rad_s
+        self._moving: dict[str, bool] = {}
 
     def at(self, stamp_ns: int) -> PoseBelief:
         """Return the pose of the base in the map; raises Waiting or Unplaceable."""
@@ -115,9 +116,19 @@ class TfPoses:
         except PoseError as error:
             raise PoseError(f'{sensor_frame} on {self.base_frame}: {error}') from error
 
-    def mount_moves(self, sensor_frame: str) -> bool:
-        """Return whether a sensor moves on the base (or might: it is sent again and again)."""
+    def mount_is_sent_again(self, sensor_frame: str) -> bool:
+        """Return whether a sensor might move on the base: its place is sent again and again."""
         return self.tree.moves(self.base_frame, sensor_frame)
+
+    def mount_moves(self, sensor_frame: str) -> bool:
+        """Return whether a sensor is known to move on the base: all there will ever be says so."""
+        if not self.complete:
+            return False
+        if sensor_frame not in self._moving:  # looks at every entry: once
+            again = self.mount_is_sent_again(sensor_frame)
+            constant = again and self.tree.constant(self.base_frame, sensor_frame) is not None
+            self._moving[sensor_frame] = again and not constant
+        return self._moving[sensor_frame]
 
     def _wait_for(self, target: str, source: str, stamp_ns: int) -> None:
         newest_ns = self.tree.newest_common_ns(target, source)

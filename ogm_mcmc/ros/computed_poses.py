@@ -114,7 +114,7 @@ def computed_poses(
     for line in topics.remarks:
         log(line)
     mounts = [one for one in scans.sensor_mounts().values() if one.origin]
-    moving = [one.frame for one in mounts if one.origin == 'tf']
+    moving = [one.frame for one in mounts if one.moves]
     told = _told_of_mounts(mounts, topics.base_frame)
     if not (asked or moving or topics.pose_source == 'tf'):
         log(f'for the nodes: pose_source:={topics.pose_source} {told}'.rstrip())
@@ -131,7 +131,7 @@ def computed_poses(
 
 def _told_of_mounts(mounts: list[MountFound], base_frame: str) -> str:
     """Return the parameters that say where sensors sit."""
-    fixed = [one for one in mounts if one.origin != 'tf']
+    fixed = [one for one in mounts if not one.moves]
     told = f"mount.frames:='{mounts_setting(fixed)}'" if fixed else ''
     if len(fixed) == len(mounts):
         return told

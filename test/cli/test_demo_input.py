@@ -79,6 +79,13 @@ def test_lasers_of_which_one_moves(looked_into, scans, make_scan, tmp_path):
     assert '--wait-topics 4' in said  # two lasers, poses and mounts
 
 
+def test_a_laser_whose_place_is_sent_again_and_again_does_not_move(looked_into, scans):
+    """ROS 1 robots say on /tf where everything sits: odometry goes as it is."""
+    again = [('/tf', t, transform(t, 'base_link', 'laser', 0.2, 0.0, 1.5)) for t in STAMPS]
+    source, _ = looked_into([*scans, *odometry(), *again])
+    assert (source.computed, source.moving, source.mounts) == ('', False, 'laser 0.2 0 1.5')
+
+
 def test_poses_of_a_file(looked_into, scans, tmp_path):
     path = tmp_path / 'poses.tum'
     path.write_text('20.0 1 2 0 0 0 0 1\n21.0 1 3 0 0 0 0 1\n')

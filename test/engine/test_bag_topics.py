@@ -232,8 +232,10 @@ def test_several_robots_with_namespaces(choose, scans):
     assert topics.scan_names == '/robot1/scan'
     assert placed[0].pose.y_m == pytest.approx(2.0)
     assert placed[0].pose.yaw_rad == pytest.approx(1.0)
-    assert 'robot2' not in said[0]
-    topics, placed, _ = choose(records, scan_topic='robot2/scan')
+    assert said[0] == 'scans of robot robot1; also there: robot2 (--scan-topic)'
+    assert 'robot2' not in said[1]
+    topics, placed, said = choose(records, scan_topic='robot2/scan')
+    assert 'robot1' not in said[0]
     assert placed[0].pose.yaw_rad == pytest.approx(0.5)
 
 

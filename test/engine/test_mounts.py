@@ -121,6 +121,14 @@ def test_a_frame_that_nothing_knows_waits_and_is_then_taken_at_the_base():
     assert bench.told[1].origin == 'tf_static'
 
 
+def test_a_sensor_that_is_the_base_needs_no_word_of_tf():
+    bench = Bench()
+    bench.tree.add(entry(1.0), static=True)
+    bench.mounts.base_frame = bench.mounts.transforms.base_frame = 'laser'
+    assert bench.at(2.0) == SensorMount()
+    assert not any(found.shown for found in bench.told)
+
+
 def test_the_frame_of_the_base_needs_no_word():
     bench = Bench()
     assert bench.at(1, frame='base_link') == SensorMount()
