@@ -8,6 +8,7 @@ import numpy as np
 
 from ogm_mcmc.arrays import AnyArray, BoolArray, UInt8Array
 from ogm_mcmc.errors import ConfigError
+from ogm_mcmc.geometry.grid_map import GridMap
 from ogm_mcmc.geometry.grid_spec import GridSpec
 
 __all__ = ['WORD', 'SampleBits']
@@ -25,6 +26,10 @@ class SampleBits(NamedTuple):
     words: AnyArray
     known: BoolArray
     draws: int
+
+    def known_in(self, grid_map: GridMap) -> SampleBits:
+        """Return these samples, known only where a map of the same cells is."""
+        return self._replace(known=self.known & np.isfinite(grid_map.probability))
 
     @classmethod
     def of_maps(cls, spec: GridSpec, maps: UInt8Array, known: BoolArray) -> SampleBits:

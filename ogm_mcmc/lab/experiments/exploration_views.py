@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -100,11 +99,13 @@ class Explorer:
             for _ in range(KEPT):
                 sampler.advance(1)
                 kept.add(sampler)
+            known = self._refinement.known_map()
             if self.policy == MEAN:
-                mean = self._refinement.map()
-                hits = hits_of_map(mean, places, headings, self.channel, UNKNOWN)
+                hits = hits_of_map(known, places, headings, self.channel, UNKNOWN)
             else:
-                bits: Any = kept.bits(sampler, self._refinement.window.spec)
+                bits = kept.bits(sampler, known.spec)
+                assert bits is not None
+                bits = bits.known_in(known)
                 hits = hits_of_samples(bits, places, headings, self.channel, UNKNOWN)
         nats: Float64Array = self.channel.information(hits).reshape(len(places), BEAMS).sum(axis=1)
         return nats

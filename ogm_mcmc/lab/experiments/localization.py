@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ogm_mcmc.config import MapperConfig, ShownConfig, TrajectoryConfig
+from ogm_mcmc.config import MapperConfig, TrajectoryConfig
 from ogm_mcmc.config.nodes import RefineSamplerConfig
 from ogm_mcmc.config.settings import flatten
 from ogm_mcmc.engine.kept_samples import MOST_SAMPLES
@@ -113,7 +113,7 @@ def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
             'power': POWER,
             'unknown': UNKNOWN,
             'sweeps': [BURN_IN, SWEEPS_BETWEEN, MOST_SAMPLES],
-            'unknown_margin': ShownConfig().unknown_margin,
+            'shown': 'known_map',
             'amcl': NAV2._asdict(),
             'live': flatten(MapperConfig()),
             'sampler': flatten(RefineSamplerConfig()),

@@ -8,11 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ogm_mcmc.config import ForwardModelConfig, MapperConfig, ShownConfig, WindowConfig
+from ogm_mcmc.config import ForwardModelConfig, MapperConfig, WindowConfig
 from ogm_mcmc.config.nodes import RefineSamplerConfig
 from ogm_mcmc.engine.kept_samples import MOST_SAMPLES, KeptSamples
 from ogm_mcmc.engine.live_map import map_of
-from ogm_mcmc.engine.refinement import Refinement, hide_uncertain
+from ogm_mcmc.engine.refinement import Refinement
 from ogm_mcmc.errors import WindowError
 from ogm_mcmc.evaluation import (
     CastBeams,
@@ -80,8 +80,9 @@ def some_beams(
 def maps_of(placed: Sequence[PlacedScan], resolution_m: float, seed: int) -> Maps:
     """Map scans the traditional way, and sample their posterior as `~/refine` does.
 
-    Two chains of 60 sweeps of burn-in and 64 more, of which every other one is kept. Cells that
-    the refined map shows as unknown are unknown in its samples, too.
+    Two chains of 60 sweeps of burn-in and 64 more, of which every other one is kept. What no data
+    moved is unknown in the mean and in the samples (`Refinement.known_map`). Cells of a wall of
+    which it is not certain which are occupied stay: without them walls have gaps.
     """
     config = RefineSamplerConfig(window=WindowConfig(resolution=resolution_m))
     config = replace(config, chain=replace(config.chain, burn_in=BURN_IN, seed=seed))
@@ -97,10 +98,8 @@ def maps_of(placed: Sequence[PlacedScan], resolution_m: float, seed: int) -> Map
     if bits is None:
         raise WindowError('no map sample was kept: expected chains that sweep')
     live = map_of(placed, MapperConfig(resolution=resolution_m))
-    margin = ShownConfig().unknown_margin
-    mean = hide_uncertain(refinement.map(), refinement.prior, margin)
-    shown = bits.known & np.isfinite(mean.probability)
-    return Maps(live, mean, bits._replace(known=shown))
+    mean = refinement.known_map()
+    return Maps(live, mean, bits.known_in(mean))
 
 
 def readers_of(maps: Maps) -> dict[str, tuple[ScanFit, float]]:

@@ -5,7 +5,13 @@ import pytest
 
 from ogm_mcmc.geometry import GridMap, GridSpec, PlacedScan, Pose2D
 from ogm_mcmc.lab.experiments import exploration
-from ogm_mcmc.lab.experiments.exploration_views import LIVE, POLICIES, SAMPLES, Explorer
+from ogm_mcmc.lab.experiments.exploration_views import (
+    LIVE,
+    MEAN,
+    POLICIES,
+    SAMPLES,
+    Explorer,
+)
 from ogm_mcmc.simulation import GridWorld, Lidar
 
 LIDAR = Lidar(180, range_min_m=0.0, range_max_m=7.5, noise_m=0.01, dropout=0.0)
@@ -35,6 +41,17 @@ def test_a_room_that_is_known_tells_little(rooms, policy):
     explorer = in_the_first_room(rooms, policy)
     known, unknown = explorer.information(np.array([[1.5, 1.5], [4.7, 1.5]]))
     assert 0.0 <= known < 0.2 * unknown
+
+
+def test_behind_walls_nothing_is_known_to_any_map(rooms):
+    """What chains draw there is the prior, and would hide all that may be seen from there."""
+    behind = np.array([[3.4, 1.5], [4.7, 1.5]])
+    found = {
+        policy: in_the_first_room(rooms, policy).information(behind)
+        for policy in (LIVE, MEAN, SAMPLES)
+    }
+    assert found[MEAN] == pytest.approx(found[LIVE], rel=0.1)
+    assert found[SAMPLES] == pytest.approx(found[LIVE], rel=0.1)
 
 
 def test_it_goes_where_most_is_told_for_the_way(rooms):

@@ -8,11 +8,11 @@ import pytest
 
 from ogm_mcmc.config import ForwardModelConfig
 from ogm_mcmc.errors import ConfigError
-from ogm_mcmc.evaluation import LikelihoodField
+from ogm_mcmc.evaluation import LikelihoodField, aligned
 from ogm_mcmc.geometry import GridMap, GridSpec, Pose2D
 from ogm_mcmc.lab.experiments import joint_intel, localization, localization_logs
 from ogm_mcmc.lab.experiments.localization_logs import Log, log_of
-from ogm_mcmc.lab.experiments.localization_maps import READERS, some_beams
+from ogm_mcmc.lab.experiments.localization_maps import READERS, maps_of, some_beams
 from ogm_mcmc.sensors import ForwardModel, ProbabilityBeams
 from ogm_mcmc.simulation import GridWorld, Lidar, OdometryNoise
 from ogm_mcmc.trajectory.points import poses_of
@@ -142,6 +142,21 @@ def test_missing_data_is_said_before_anything_is_done(tmp_path, monkeypatch, mis
     monkeypatch.setattr(localization, 'run_all', lambda *_, **__: pytest.fail('begun'))
     with pytest.raises(ConfigError, match=f'{missing}: no such file; expected OGM_MCMC_DATA to'):
         localization.run(tmp_path / 'out', quick=False, seed=1)
+
+
+def test_behind_the_walls_of_a_border_map_nothing_is_known(room):
+    """Its walls are there, and what chains draw behind them is no knowledge."""
+    truth, log = room
+    maps = maps_of(log.placed(slice(0, None, 2)), 0.1, 3)
+    spec = maps.mean.spec
+    rows, columns = np.nonzero(np.isfinite(maps.mean.probability))
+    x, y = (columns + spec.column0) - 30, (rows + spec.row0) - 20
+    outside = np.maximum(np.abs(x + 0.5) - 30, np.abs(y + 0.5) - 20)
+    assert np.count_nonzero(outside > 2.0) < 0.01 * outside.size
+    wall = aligned(maps.mean, truth)[39, 5:40]
+    assert np.isfinite(wall).mean() > 0.9
+    assert np.nanmedian(wall) > 0.5
+    assert np.array_equal(maps.bits.known, np.isfinite(maps.mean.probability))
 
 
 def test_some_beams_are_a_share_of_all(room):
