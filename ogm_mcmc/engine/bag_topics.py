@@ -383,5 +383,5 @@ def _no_poses(
     if candidates:
         there = {_how_to_take(one, choice) for one in candidates}
         return f'{line}; there are {", ".join(sorted(there))}'
-    held = ', '.join(f'{topic.name} ({topic.msgtype})' for topic in bag.topics())
+    held = ', '.join(map(str, bag.topics()))
     return f'{line}; it holds {held}'

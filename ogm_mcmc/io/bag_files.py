@@ -26,6 +26,7 @@ __all__ = [
     'plain_yaml',
     'storage_files',
     'stored_note',
+    'unmerged',
     'unpack_file',
     'unpacked',
 ]
@@ -52,6 +53,8 @@ def kind_of(path: Path) -> str:
         if start.startswith(magic):
             return kind
     what = 'it is empty' if not start else 'its first bytes are of none of them'
+    if path.name == 'metadata.yaml':
+        raise BagError(f'{path}: expected the folder that it is in, {path.parent}')
     raise BagError(f'{path}: {what}: expected an mcap, sqlite3 or ROS 1 recording')
 
 
@@ -161,13 +164,32 @@ def mending(path: Path, kind: str) -> str:
             return f'it was not closed: `mcap recover {path} -o mended.mcap` mends it'
     if kind == 'ros1' and not _is_indexed(path):
         return f'it was not closed: `rosbag reindex {path}` mends it'
-    if kind == 'sqlite3' and _has_content(path.with_name(f'{path.name}-wal')):
-        return (
-            f'it was not closed, messages are still in {path.name}-wal: '
-            f"`sqlite3 {path} 'PRAGMA wal_checkpoint(TRUNCATE)'` moves them, then "
-            '`ros2 bag reindex` writes the metadata'
-        )
+    if kind == 'sqlite3' and _is_cut(path):
+        mended = f"`sqlite3 {path} '.recover' | sqlite3 mended.db3`"
+        return f'it is cut off: {mended} saves what is left'
     return ''
+
+
+def unmerged(path: Path) -> str:
+    """Return why a sqlite3 file lacks messages though it can be read, and what mends it."""
+    if not _has_content(path.with_name(f'{path.name}-wal')):
+        return ''
+    return (
+        f'it was not closed, messages are still in {path.name}-wal: '
+        f"`sqlite3 {path} 'PRAGMA wal_checkpoint(TRUNCATE)'` moves them, then "
+        '`ros2 bag reindex` writes the metadata'
+    )
+
+
+def _is_cut(path: Path) -> bool:
+    """Tell whether a sqlite3 file is shorter than the pages that its header counts."""
+    with path.open('rb') as file:
+        header = file.read(32)
+    if len(header) < 32:
+        return True
+    page = int.from_bytes(header[16:18], 'big')
+    bytes_a_page = 65536 if page == 1 else page
+    return path.stat().st_size < bytes_a_page * int.from_bytes(header[28:32], 'big')
 
 
 def _has_content(path: Path) -> bool:

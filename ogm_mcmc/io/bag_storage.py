@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, Protocol
 from rosbags.rosbag1 import Reader as Ros1Reader
 
 from ogm_mcmc.errors import BagError
-from ogm_mcmc.io.bag_files import kind_of, mending, plain_yaml, unpacked
+from ogm_mcmc.io.bag_files import kind_of, mending, plain_yaml, unmerged, unpacked
 from ogm_mcmc.io.mcap_reader import McapReader
 
 __all__ = ['Definition', 'Offer', 'Storage', 'StoredTopic', 'open_storage']
@@ -79,7 +79,7 @@ def open_storage(path: Path) -> Storage:
     Raises BagError for a file that is none or was not closed; a damaged one may raise anything.
     """
     kind = kind_of(path)
-    if kind == 'sqlite3' and (reason := mending(path, kind)):
+    if kind == 'sqlite3' and (reason := unmerged(path)):
         raise BagError(f'{path}: {reason}')
     try:
         return STORAGES[kind](path)

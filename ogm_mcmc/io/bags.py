@@ -41,6 +41,10 @@ class BagTopic(NamedTuple):
     msgtype: str
     n_messages: int
 
+    def __str__(self) -> str:
+        """Return `/scan (sensor_msgs/msg/LaserScan)`, and that it is empty."""
+        return f'{self.name} ({self.msgtype}{"" if self.n_messages else ", no messages"})'
+
 
 class BagRecord(NamedTuple):
     """One stored message: topic, type, time of recording in ns and the bytes as stored.
@@ -196,7 +200,7 @@ class BagReader:
                     f'expected {" or ".join(accepted)} as {role}{_conversion(fitting, accepted)}'
                 )
         if not fitting or fitting[0].n_messages == 0:
-            held = ', '.join(f'{topic.name} ({topic.msgtype})' for topic in topics) or 'nothing'
+            held = ', '.join(map(str, topics)) or 'nothing'
             name = f' on {wanted}' if wanted else ''
             raise BagError(
                 f'{self.path}: no {role} in it{name}: expected {" or ".join(accepted)}; '

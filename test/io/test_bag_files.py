@@ -143,3 +143,11 @@ def test_recordings_that_were_not_closed(write_bag, recording):
     message = refusal(database)
     assert 'was not closed' in message
     assert 'wal_checkpoint' in message
+    whole = stored(write_bag(recording, 'sqlite3', name='short'))
+    whole.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
+    assert f"it is cut off: `sqlite3 {whole} '.recover' | sqlite3" in refusal(whole)
+
+
+def test_the_metadata_is_not_the_recording(write_bag, recording):
+    bag = write_bag(recording)
+    assert refusal(bag / 'metadata.yaml').endswith(f'expected the folder that it is in, {bag}')

@@ -148,6 +148,8 @@ def test_find(write_bag, make_scan, make_pose):
             bag.find('scans', [ros_types.SCAN], '/d_scan')
         with pytest.raises(BagError, match='no odometry in it: expected nav_msgs/msg/Odometry'):
             bag.find('odometry', [ros_types.ODOMETRY])
+    assert str(BagTopic('/scan', ros_types.SCAN, 3)) == '/scan (sensor_msgs/msg/LaserScan)'
+    assert str(BagTopic('/scan', ros_types.SCAN, 0)).endswith('LaserScan, no messages)')
 
 
 @pytest.mark.parametrize(
