@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from ogm_mcmc.arrays import UInt8Array
-from ogm_mcmc.config import MapperConfig, WindowConfig
+from ogm_mcmc.config import MapperConfig, SamplerConfig, WindowConfig
 from ogm_mcmc.errors import GridError
 from ogm_mcmc.geometry import CellBox, GridMap, GridSpec, PlacedScan, Pose2D, PoseBelief, Scan
 from ogm_mcmc.mapping import batch_update, make_method
 from ogm_mcmc.pipeline import MappingPipeline
+from ogm_mcmc.sampling import over_dispersed_starts
 
-__all__ = ['cells_on', 'check_lattice', 'live_map', 'map_of', 'warm_up_mapping']
+__all__ = ['cells_on', 'check_lattice', 'first_maps', 'live_map', 'map_of', 'warm_up_mapping']
 
 
 def map_of(
@@ -42,6 +43,22 @@ def live_map(scans: Iterable[PlacedScan], window: WindowConfig) -> GridMap:
         resolution=window.resolution, max_range=window.max_range, no_return=window.no_return
     )
     return map_of(scans, config)
+
+
+def first_maps(
+    scans: Sequence[PlacedScan], config: SamplerConfig, spec: GridSpec
+) -> list[UInt8Array]:
+    """Return the maps (K,) on a window that chains start from, as the settings have it."""
+    chain = config.chain
+    live = live_map(scans, config.window)
+    return over_dispersed_starts(
+        chain.start,
+        chain.chains,
+        cells_on(spec, live, chain.start_threshold, chain.prior),
+        chain.prior,
+        chain.seed,
+        cells_on(spec, live, 0.5, 1.0) == 0,
+    )
 
 
 def cells_on(spec: GridSpec, grid: GridMap, threshold: float, elsewhere: float) -> UInt8Array:

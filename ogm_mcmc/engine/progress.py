@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-__all__ = ['Progress']
+__all__ = ['IndexSize', 'Progress']
 
 
 class Progress(NamedTuple):
@@ -31,3 +31,15 @@ class Progress(NamedTuple):
             return round(value, 6) if math.isfinite(value) else None
 
         return {key: plain(value) for key, value in self._asdict().items()}
+
+
+class IndexSize(NamedTuple):
+    """Rays, pairs of a ray and a cell it crosses, memory.
+
+    Of these rays `n_merged` run along with others and are held together with them.
+    """
+
+    n_rays: int
+    n_pairs: int
+    n_bytes: int
+    n_merged: int = 0

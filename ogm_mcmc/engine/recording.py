@@ -92,7 +92,8 @@ class Recording:
     def understand(self, no_return: NoReturnChoice | None) -> None:
         """Count rays as they are indexed, where a sampler found what no return means; None: not.
 
-        Beams that it ignores need no memory. Where it was not sure they may come to count.
+        Beams that it ignores need no memory. Where it was not sure they may come to count. Scans
+        beyond the limits by that go at once.
         """
         if self._sampler is None or no_return is None:
             return
@@ -102,6 +103,7 @@ class Recording:
             return
         self._no_return, self._window = value, _measuring(self._sampler, value)
         self._keep([_Kept(old.placement, self._size_of(old.placement)) for old in self._scans], '')
+        self._obey_limits()
 
     def configure(self, config: RecordingConfig) -> None:
         """Take over other limits; what they let go goes when the next scan comes."""
@@ -135,11 +137,7 @@ class Recording:
         self.size = self.size.with_more(new.size)
         self.coverage.add(placement)
         self._let_old_go(placement.scan.stamp_ns)
-        while len(self._scans) > 1 and self._beyond_limits():
-            if covering:
-                self._thin()
-            else:
-                self._let_oldest_go('older')
+        self._obey_limits()
 
     def _is_near_last(self, placement: PlacedScan) -> bool:
         window = self.config.window
@@ -167,6 +165,13 @@ class Recording:
             f'this scan and the one before it need a window of {size.n_bytes / 1e6:.0f} MB: '
             f'expected at most max_memory_mb = {self._window.most_bytes / 1e6:g}'
         )
+
+    def _obey_limits(self) -> None:
+        while len(self._scans) > 1 and self._beyond_limits():
+            if self.config.window.keep == 'coverage':
+                self._thin()
+            else:
+                self._let_oldest_go('older')
 
     def _beyond_limits(self) -> bool:
         config = self.config
@@ -244,11 +249,7 @@ class Recording:
         ]
         self._refuse_box(WindowSize(0, 0, _box_around(scans)))
         self._keep(scans, 'thinned')
-        while len(self._scans) > 1 and self._beyond_limits():
-            if self.config.window.keep == 'coverage':
-                self._thin()
-            else:
-                self._let_oldest_go('older')
+        self._obey_limits()
 
     def _refuse_box(self, size: WindowSize) -> None:
         if self._window is None or size.n_bytes <= self._window.most_bytes:

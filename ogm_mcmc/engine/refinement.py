@@ -14,23 +14,24 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from ogm_mcmc.arrays import Float32Array, UInt8Array
+from ogm_mcmc.arrays import BoolArray, Float32Array, UInt8Array
 from ogm_mcmc.config import (
+    ForwardModelConfig,
     SamplerConfig,
     StopConfig,
     flatten,
 )
-from ogm_mcmc.engine.live_map import cells_on, check_lattice, live_map
+from ogm_mcmc.engine.live_map import cells_on, check_lattice, first_maps, live_map
 from ogm_mcmc.engine.no_returns import NoReturnChoice, NoReturns, no_return_of
 from ogm_mcmc.engine.posterior import Grown, patch_prior, posterior_model
-from ogm_mcmc.engine.progress import Progress
+from ogm_mcmc.engine.progress import IndexSize, Progress
 from ogm_mcmc.engine.recording import Recording, fingerprint
-from ogm_mcmc.engine.sensor_fit import SensorNumbers, fit_sensor
-from ogm_mcmc.engine.warp import cells_before, laid_on, warped
+from ogm_mcmc.engine.sensor_fit import SensorNumbers, fit_sensor, found_of_beams, saved_beams
+from ogm_mcmc.engine.warp import laid_on, moved_cells
 from ogm_mcmc.errors import ConfigError, WindowError
 from ogm_mcmc.files.output_files import replacing
 from ogm_mcmc.geometry import GridMap, GridSpec, PlacedScan
@@ -39,11 +40,11 @@ from ogm_mcmc.sampling import (
     PosteriorModel,
     PosteriorSampler,
     RayWindow,
-    over_dispersed_starts,
 )
 from ogm_mcmc.sampling.estimates import hide_uncertain
 from ogm_mcmc.sampling.informed import known_cells
 from ogm_mcmc.sampling.posterior import ARRIVES, Estimate, forgotten
+from ogm_mcmc.sampling.saved_chains import saved_settings
 
 __all__ = [
     'IndexSize',
@@ -57,20 +58,11 @@ __all__ = [
 # Judging chains takes a look at every batch of every cell: at most this share of the time.
 JUDGING_SHARE = 0.1
 
+# The setting of a saved state that holds what was found of the beams.
+FOUND = 'found'
+
 # Fewer sweeps agree by chance.
 MIN_COUNTED = 64
-
-
-class IndexSize(NamedTuple):
-    """Rays, pairs of a ray and a cell it crosses, memory.
-
-    Of these rays `n_merged` run along with others and are held together with them.
-    """
-
-    n_rays: int
-    n_pairs: int
-    n_bytes: int
-    n_merged: int = 0
 
 
 class Refinement:
@@ -83,10 +75,13 @@ class Refinement:
     def __init__(self, config: SamplerConfig) -> None:
         self.config = config
         self._taken: list[PlacedScan] = []
+        self.corrected = False  # whether scans were placed anew when they were last taken
         self._index_spent = False  # whether what is indexed is no longer that of the chains
         self.no_return = NoReturnChoice.of(config.window.no_return, NoReturns(0, 0))
+        self.no_return_found = self.no_return  # in the last scans, even if these were refused
         self.model = config.model  # of the beams, fitted where that is wanted
         self.sensor: SensorNumbers | None = None
+        self._resumed: tuple[ForwardModelConfig, SensorNumbers | None] | None = None
         self.window = self._empty_window()
         self._table, self.prior = patch_prior(config)
         self.sampler: PosteriorSampler | None = None
@@ -101,7 +96,7 @@ class Refinement:
         Scans added since the last time extend the rays already indexed; any other change builds
         them anew, also when all scans together say that +inf means another thing. Chains begin at
         `start`; without it they go on from where they are (a warm start; where scans were placed
-        anew the maps go with them), and the first ones begin as the configuration says. Raises
+        anew chains begin anew there), and the first ones begin as the configuration says. Raises
         WindowError when there is nothing to sample or too much, and GridError when `start` is of
         another lattice. After an error everything is as before; where the index had changed
         already nothing is taken any more, and the next take begins anew.
@@ -119,20 +114,22 @@ class Refinement:
         found = no_return_of(asked.no_return, scans, asked.resolution, asked.max_range)
         grows = extends and found.value == self.no_return.value
         self._index_spent = False
+        self.no_return_found = found
         try:
             self.no_return = found
             window = self._indexed(scans, known if grows else 0)
-            warm = self._present_maps(old, window.spec, scans, extends) if start is None else []
+            warm = [] if start is not None else self._present_maps(old, window.spec)
+            moved = None if extends else moved_cells(window.spec, self._taken, scans)
             grown = None
             if grows and self.sampler is not None:
                 grown = Grown(self.sampler.model, old)
-            sampler = self._begun(window, scans, start, warm, grown)
+            sampler = self._begun(window, scans, start, (warm, moved), grown)
         except BaseException:
             self.no_return, self.model, self.sensor = held
             if self._index_spent:
                 self._take_nothing()
             raise
-        self.window, self._taken = window, list(scans)
+        self.window, self._taken, self.corrected = window, list(scans), moved is not None
         self.sampler, self.quality, self._summary = sampler, None, None
         return self.size.n_rays
 
@@ -144,13 +141,19 @@ class Refinement:
     def _indexed(self, scans: Sequence[PlacedScan], known: int) -> RayWindow:
         """Return the rays of scans, the first `known` of which are indexed."""
         if known == 0:
-            self.model, self.sensor = fit_sensor(scans, self._decided())
+            self.model, self.sensor = self._understood(scans)
         window = self.window if known else self._empty_window()
         window.add(scans[known:])
         self._index_spent = known > 0
         if window.index.n_rays == 0:
             raise WindowError(f'no beam of {len(scans)} scans says anything: nothing to sample')
         return window
+
+    def _understood(
+        self, scans: Sequence[PlacedScan]
+    ) -> tuple[ForwardModelConfig, SensorNumbers | None]:
+        """Return the model of the beams of scans; that of a state which is taken up again."""
+        return self._resumed or fit_sensor(scans, self._decided())
 
     @property
     def size(self) -> IndexSize:
@@ -181,29 +184,26 @@ class Refinement:
         window: RayWindow,
         scans: Sequence[PlacedScan],
         start: GridMap | None,
-        warm: list[UInt8Array],
+        warm: tuple[list[UInt8Array], BoolArray | None],
         grown: Grown | None,
     ) -> PosteriorSampler:
-        """Return chains on a window of scans, where they begin."""
+        """Return chains on a window of scans, where they begin.
+
+        warm  the maps (K,) of the chains, none without, and where (K,) scans were placed anew
+        """
         chain, spec = self.config.chain, window.spec
         model = self._posterior(window, grown)
-        threshold = chain.start_threshold
+        starts, moved = warm
         if start is not None:
-            starts = [cells_on(spec, start, threshold, chain.prior)] * chain.chains
-        elif warm:
-            starts = warm
-        else:
-            live = live_map(scans, self._decided().window)
-            starts = over_dispersed_starts(
-                chain.start,
-                chain.chains,
-                cells_on(spec, live, threshold, chain.prior),
-                chain.prior,
-                chain.seed,
-                cells_on(spec, live, 0.5, 1.0) == 0,
-            )
+            starts = [cells_on(spec, start, chain.start_threshold, chain.prior)] * chain.chains
+        elif not starts or moved is not None:
+            fresh = first_maps(scans, self._decided(), spec)
+            only = moved if starts else None
+            if only is not None:
+                fresh = [np.where(only, a, b) for a, b in zip(fresh, starts, strict=True)]
+            starts = fresh
             if self._table is not None:
-                starts = forgotten(model, starts, chain.seed)
+                starts = forgotten(model, starts, chain.seed, only)
         sampler = PosteriorSampler(model, starts, seed=chain.seed, burn_in=chain.burn_in)
         if self.sampler is not None:
             # From the seed, chains would repeat the numbers that brought them where they are. The
@@ -211,9 +211,7 @@ class Refinement:
             sampler.rngs = self.sampler.rngs
         return sampler
 
-    def _present_maps(
-        self, old: GridSpec, new: GridSpec, scans: Sequence[PlacedScan], extends: bool
-    ) -> list[UInt8Array]:
+    def _present_maps(self, old: GridSpec, new: GridSpec) -> list[UInt8Array]:
         """Return the maps (K,) of the chains, none without, where their cells are now.
 
         Cells that no chain has drawn yet begin as the prior has it. The solid that surrounds
@@ -221,16 +219,12 @@ class Refinement:
         """
         if self.sampler is None:
             return []
-        before = None if extends else cells_before(old, new, self._taken, scans)
         elsewhere = int(self.config.chain.prior >= 0.5)
         touched, present = self.sampler.model.touched, []
         for state in self.sampler.states:
             cells = np.full_like(state.cells, elsewhere)
             cells[touched] = state.cells[touched]
-            if before is None:
-                present.append(laid_on(cells, old, new, elsewhere))
-            else:
-                present.append(warped(cells, before, elsewhere))
+            present.append(laid_on(cells, old, new, elsewhere))
         return present
 
     # -- sampling ---------------------------------------------------------------------------
@@ -324,13 +318,16 @@ class Refinement:
         if self.sampler is None:
             raise WindowError('nothing was sampled yet: no state to save')
         with replacing(path) as temporary:
-            self.sampler.save(temporary, self._identity())
+            self.sampler.save(
+                temporary, {**self._identity(), FOUND: found_of_beams(self.model, self.sensor)}
+            )
 
     def resume(self, path: Path) -> None:
         """Go on from a saved state instead of the start that `take` made.
 
-        Raises WindowError, with nothing changed, when the file is no such file, or was written
-        for other scans or settings.
+        What its beams were found to be like holds, too: a window that grew keeps what its first
+        scans told. Raises WindowError, with nothing changed, when the file is no such file, or was
+        written for other scans or settings.
         """
         if self.sampler is None:
             raise WindowError('no scan was taken: take those of the saved state first')
@@ -340,7 +337,23 @@ class Refinement:
             if different:
                 raise WindowError(f'{path}: expected a state of these scans; other {different[0]}')
 
-        sampler, _ = PosteriorSampler.load(path, self.sampler.model, accept)
+        saved = saved_settings(path)
+        accept(saved)
+        held, posterior = (self.model, self.sensor, self.window), self.sampler.model
+        found = found_of_beams(self.model, self.sensor)
+        try:
+            if saved.get(FOUND, found) != found:
+                self._resumed = saved_beams(path, saved[FOUND], self.config.model)
+                self.window = self._indexed(self._taken, 0)
+                posterior = self._posterior(self.window, None)
+            sampler, _ = PosteriorSampler.load(path, posterior, accept)
+        except BaseException:
+            self.model, self.sensor, self.window = held
+            if self._index_spent:
+                self._take_nothing()
+            raise
+        finally:
+            self._resumed = None
         self.sampler, self.quality, self._summary = sampler, None, None
 
     def _identity(self) -> dict[str, Any]:

@@ -25,16 +25,18 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ogm_mcmc.arrays import AnyArray, BoolArray, Int64Array
 from ogm_mcmc.config import ForwardModelConfig, MapperConfig, SamplerConfig
+from ogm_mcmc.errors import WindowError
 from ogm_mcmc.geometry import CellBox, HeldRays, PlacedScan, Rays, cast_rays
 from ogm_mcmc.mapping.counting import CountingMapper
 
-__all__ = ['SensorNumbers', 'Share', 'fit_sensor']
+__all__ = ['SensorNumbers', 'Share', 'fit_sensor', 'found_of_beams', 'saved_beams']
 
 # So many others passed through the cell of a reading that is contradicted, and so many for each
 # that ended beside it.
@@ -170,6 +172,28 @@ def fit_sensor(
         missing=given.missing if missing is None else max(missing.mean, LEAST_SHARE),
     )
     return model, SensorNumbers(clutter, missing)
+
+
+def found_of_beams(model: ForwardModelConfig, sensor: SensorNumbers | None) -> dict[str, Any]:
+    """Return what was found of the beams, as JSON has it."""
+    numbers = None if sensor is None else sensor.as_dict()
+    return {'clutter': model.clutter, 'missing': model.missing, 'sensor': numbers}
+
+
+def saved_beams(
+    path: Path, saved: Any, model: ForwardModelConfig
+) -> tuple[ForwardModelConfig, SensorNumbers | None]:
+    """Return what a saved state says of beams; raises WindowError where that is nonsense."""
+    try:
+        found = replace(model, clutter=float(saved['clutter']), missing=float(saved['missing']))
+        numbers = saved['sensor']
+        if numbers is None:
+            return found, None
+        missing = numbers['missing']
+        lost = None if missing is None else Share(**missing)
+        return found, SensorNumbers(Share(**numbers['clutter']), lost)
+    except (KeyError, TypeError, ValueError) as error:
+        raise WindowError(f'{path}: expected what was found of the beams ({error})') from error
 
 
 def _sum_around(counts: Int64Array, reach: int) -> Int64Array:

@@ -8,8 +8,8 @@ from typing import NamedTuple, Protocol
 
 from ogm_mcmc.config import SamplerConfig
 from ogm_mcmc.engine.posterior import Grown, patch_prior
-from ogm_mcmc.engine.refinement import IndexSize, Refinement
-from ogm_mcmc.engine.sensor_fit import fit_sensor
+from ogm_mcmc.engine.progress import IndexSize
+from ogm_mcmc.engine.refinement import Refinement
 from ogm_mcmc.errors import ConfigError, WindowError
 from ogm_mcmc.geometry import PlacedScan
 from ogm_mcmc.sampling import PosteriorModel, RayWindow
@@ -69,7 +69,7 @@ class TiledRefinement(Refinement):
     def _indexed(self, scans: Sequence[PlacedScan], known: int) -> RayWindow:
         """Let the rays of scans be held; what is returned has none, and says where cells lie."""
         if known == 0:
-            self.model, self.sensor = fit_sensor(scans, self._decided())
+            self.model, self.sensor = self._understood(scans)
         window = self._empty_window()
         size = window.sum_of_sizes(scans)
         if size.rays == 0:

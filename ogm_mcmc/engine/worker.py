@@ -36,6 +36,11 @@ JOIN_S = 60.0
 # There is always time for a round of sampling.
 LEAST_S = 0.01
 
+# A run that is replaced after fewer counted sweeps leaves the map of before.
+ENOUGH = 16
+# Once scans were placed anew the map of before is worse than that of so many sweeps.
+SOON = 5
+
 # Building an index cannot be interrupted, and half of one is of no use: it is not waited for.
 LEAVE_INDEXING_S = 1.0
 
@@ -246,6 +251,8 @@ class RefineWorker:
 
     def _failed(self, text: str) -> None:
         self.log(f'not refined: {text}')
+        # The next window may be chosen by what no return was found to mean.
+        self.status = self.status._replace(no_return=self._refinement.no_return_found)
         self.status = self.status._replace(state='idle', stopped='error', error=text)
 
     def _sample(self, order: _Order) -> None:
@@ -341,13 +348,16 @@ class RefineWorker:
 
     def _end(self, order: _Order, progress: Progress) -> None:
         reason = (self._cancel or 'stopped') if progress.reason == 'cancelled' else progress.reason
-        self._hand_over(order, progress, final=True)
+        replaced = reason == 'refined again'
+        if not replaced or progress.counted >= ENOUGH or self.result is None:
+            self._hand_over(order, progress, final=not replaced)
         if self.state_file is not None and reason not in ('cleared', 'refined again'):
             self._write_state()
         self.status = self.status._replace(state='idle', stopped=reason)
 
     def _hand_over(self, order: _Order, progress: Progress, *, final: bool) -> None:
-        if progress.counted == 0 and self.result is not None:
+        wrong = self._refinement.corrected and progress.sweeps >= SOON
+        if progress.counted == 0 and self.result is not None and not wrong:
             return  # a map from before is better than the first sweeps of new chains
         refinement, sampler = self._refinement, self._refinement.sampler
         assert sampler is not None

@@ -107,12 +107,18 @@ class IndexedModel:
         return arrival(self.index, self.telling, probability, least)
 
     def forget(
-        self, rng: Generator, state: GibbsState, prior_log_odds: float, sweeps: int
+        self,
+        rng: Generator,
+        state: GibbsState,
+        prior_log_odds: float,
+        sweeps: int,
+        only: BoolArray | None = None,
     ) -> None:
-        """Draw all sampled cells one by one, as if they were independent with this prior."""
+        """Draw the sampled cells, or `only` some (K,), as if independent with this prior."""
+        order = self.touched if only is None else self.touched[only[self.touched]]
         ceiling = highest_probability(self.index, prior_log_odds)
         for _ in range(sweeps):
-            draw_cells(rng, self.touched, state, self.index, ceiling, prior_log_odds)
+            draw_cells(rng, order, state, self.index, ceiling, prior_log_odds)
 
 
 class CellModel(IndexedModel):

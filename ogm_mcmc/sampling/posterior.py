@@ -14,10 +14,11 @@ from numpy.random import Generator
 
 from ogm_mcmc.arrays import AnyArray, BoolArray, Float32Array, UInt8Array
 from ogm_mcmc.errors import WindowError, require
-from ogm_mcmc.files.npz_files import TEXT, Field, NpzFile, npz_file
+from ogm_mcmc.files.npz_files import TEXT, npz_file
 from ogm_mcmc.sampling.cell_gibbs import GibbsState
 from ogm_mcmc.sampling.diagnostics import BatchCounts, ChainQuality, assess
 from ogm_mcmc.sampling.gibbs_kernels import add_occupied
+from ogm_mcmc.sampling.saved_chains import cells_in, check_window, counts_in
 
 __all__ = ['Estimate', 'PosteriorModel', 'PosteriorSampler', 'forgotten', 'over_dispersed_starts']
 
@@ -71,9 +72,17 @@ class PosteriorModel(Protocol):
         ...
 
     def forget(
-        self, rng: Generator, state: GibbsState, prior_log_odds: float, sweeps: int
+        self,
+        rng: Generator,
+        state: GibbsState,
+        prior_log_odds: float,
+        sweeps: int,
+        only: BoolArray | None = None,
     ) -> None:
-        """Draw all sampled cells one by one, as if they were independent with this prior."""
+        """Draw sampled cells one by one, as if they were independent with this prior.
+
+        `only` some cells (K,); a model may draw others, too.
+        """
         ...
 
 
@@ -278,12 +287,12 @@ class PosteriorSampler:
         with npz_file(path, 'a saved sampling state', WindowError) as held:
             header = json.loads(str(held.read('header', TEXT)))
             accept(header['settings'])
-            _check_window(path, header, model)
+            check_window(path, header, (model.n_cells, model.touched.size))
             sampler = cls(model, [], seed=0, burn_in=int(header['burn_in']))
             sampler.sweeps = int(header['sweeps'])
             for j in range(min(int(header['chains']), len(header['generators']))):
-                sampler.states.append(model.start(_cells_in(held, j, model)))
-                sampler.counts.append(_counts_in(held, j, model.touched.size))
+                sampler.states.append(model.start(cells_in(held, j, model.n_cells)))
+                sampler.counts.append(counts_in(held, j, model.touched.size))
                 rng = np.random.default_rng()
                 rng.bit_generator.state = header['generators'][j]
                 sampler.rngs.append(rng)
@@ -292,7 +301,7 @@ class PosteriorSampler:
             if settling not in (0, chains):
                 raise ValueError(f'burn-in of {settling} chains: expected 0 or {chains}')
             sampler._settling = [
-                _counts_in(held, chains + j, model.touched.size) for j in range(settling)
+                counts_in(held, chains + j, model.touched.size) for j in range(settling)
             ]
             if len(sampler.states) != header['chains']:
                 raise ValueError(f'{header["chains"]} chains: expected as many generators')
@@ -311,43 +320,13 @@ class PosteriorSampler:
             )
 
 
-def _cells_in(held: NpzFile, chain: int, model: PosteriorModel) -> UInt8Array:
-    packed = held.read(f'cells_{chain}', Field('u', ((model.n_cells + 7) // 8,)))
-    cells: UInt8Array = np.unpackbits(packed, count=model.n_cells)
-    return cells
-
-
-def _counts_in(held: NpzFile, chain: int, n_touched: int) -> BatchCounts:
-    counts = BatchCounts(n_touched)
-    rows = held.read(f'counts_{chain}', Field('u', counts.counts.shape))
-    if rows.dtype not in (np.uint16, np.uint32):
-        raise ValueError(f'counts_{chain} is {rows.dtype}: expected uint16 or uint32')
-    progress = held.read(f'progress_{chain}', Field('iu', (3,)))
-    counts.counts = rows
-    counts.batch_length, counts.full, counts.in_last = map(int, progress)
-    if not (0 <= counts.full < len(rows) and 0 <= counts.in_last < counts.batch_length):
-        raise ValueError(f'batches {progress}: expected a row to go on with')
-    most = np.zeros(len(rows), np.int64)
-    most[: counts.full], most[counts.full] = counts.batch_length, counts.in_last
-    if (rows.max(axis=1, initial=0) > most).any():
-        raise ValueError(f'counts_{chain}: expected no more than the sweeps of a batch')
-    return counts
-
-
-def _check_window(path: Path, header: dict[str, Any], model: PosteriorModel) -> None:
-    if header['version'] != 1:
-        raise WindowError(f'{path}: version {header["version"]}: expected 1')
-    saved = header['n_cells'], header['touched']
-    here = model.n_cells, model.touched.size
-    if saved != here:
-        raise WindowError(
-            f'{path}: sampled {saved[1]} of {saved[0]} cells: expected {here[1]} of {here[0]}, '
-            'those of this window'
-        )
-
-
-def forgotten(model: PosteriorModel, starts: Sequence[UInt8Array], seed: int) -> list[UInt8Array]:
-    """Return maps (K,) that do not depend on where they started.
+def forgotten(
+    model: PosteriorModel,
+    starts: Sequence[UInt8Array],
+    seed: int,
+    only: BoolArray | None = None,
+) -> list[UInt8Array]:
+    """Return maps (K,) that do not depend on where they started, `only` in these cells (K,).
 
     A block of solid or empty cells is held together by a learned prior, and would outlast any
     burn-in. So cells are drawn one by one first, given the same rays and an even, small chance of
@@ -357,7 +336,7 @@ def forgotten(model: PosteriorModel, starts: Sequence[UInt8Array], seed: int) ->
 
     def one(rng: Generator, cells: UInt8Array) -> UInt8Array:
         state = model.start(cells)
-        model.forget(rng, state, FORGETTING_LOG_ODDS, FORGETTING_SWEEPS)
+        model.forget(rng, state, FORGETTING_LOG_ODDS, FORGETTING_SWEEPS, only)
         return state.cells
 
     with ThreadPoolExecutor(len(starts)) as pool:

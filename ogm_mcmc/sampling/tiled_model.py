@@ -136,9 +136,15 @@ class TiledModel:
         return flips
 
     def forget(
-        self, rng: Generator, state: GibbsState, prior_log_odds: float, sweeps: int
+        self,
+        rng: Generator,
+        state: GibbsState,
+        prior_log_odds: float,
+        sweeps: int,
+        only: BoolArray | None = None,
     ) -> None:
         """Draw all sampled cells one by one, as if they were independent with this prior."""
+        del only  # tiles are drawn as a whole
         for _ in range(sweeps):
             self._sweep_cells(rng, state, prior_log_odds, 'fixed')
 

@@ -116,6 +116,20 @@ def test_beams_that_are_ignored_take_no_memory():
     assert recording.size == fresh.size
 
 
+def test_beams_that_come_to_count_drive_scans_out_at_once():
+    """Without a return they needed no memory while they were ignored."""
+    sampler = SamplerConfig(window=NodeWindowConfig(0.1, max_memory_mb=1.0))
+    recording = Recording(RecordingConfig(), sampler)
+    recording.understand(NoReturnChoice.of('auto', NoReturns(100, 90)))
+    for i in range(200):
+        recording.add(at(0.02 * i, 1.0, *[math.inf] * 30, stamp_s=i))
+    assert len(recording) == 200
+    recording.understand(NoReturnChoice.of('auto', NoReturns(100, 10)))
+    assert recording.size.n_bytes <= 1e6
+    assert 1 < len(recording) < 200
+    assert recording.let_go['thinned'] == 200 - len(recording)
+
+
 def test_a_stray_pose_drives_nobody_out():
     config = SamplerConfig(window=WindowConfig(resolution=0.1, max_memory_mb=1.0))
     recording = Recording(RecordingConfig(LATEST), config)

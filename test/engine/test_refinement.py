@@ -633,23 +633,46 @@ def test_a_snapshot_stays_as_it_is():
     assert (len(recording), recording.n_rays, recording.snapshot()) == (0, 0, [])
 
 
-def test_chains_go_along_with_scans_that_are_placed_anew():
-    """A room that was seen 0.6 m aside: the chains begin where its walls are now."""
+@pytest.mark.parametrize(
+    'patch',
+    [PatchConfig(), pytest.param(PatchConfig(prior='uniform', size=9), marks=pytest.mark.jit)],
+    ids=['cells', 'patches'],
+)
+def test_chains_begin_anew_where_scans_were_placed_anew_and_go_on_elsewhere(patch):
+    """Two rooms, of which one turns out to lie 0.6 m aside."""
     config = SamplerConfig(
         model=ForwardModelConfig(sigma=0.05),
         window=WindowConfig(resolution=0.2),
         chain=ChainConfig(chains=2, burn_in=0),
+        patch=patch,
     )
     circle = {'bearing': 0.0, 'increment': math.pi / 20.0}
-    scans = [PlacedScan.at(fan(*[2.0] * 40, **circle), Pose2D(0.05 * k, 0.0)) for k in range(5)]
+    scans = [
+        PlacedScan.at(fan(*[2.0] * 40, **circle), Pose2D(x + 0.05 * k, 0.0))
+        for x in (0.0, 20.0)
+        for k in range(5)
+    ]
     refinement = Refinement(config)
     refinement.take(scans)
+    assert not refinement.corrected
     list(refinement.run(StopConfig(max_sweeps=30)))
-    before = [state.cells.copy() for state in refinement.sampler.states]
-    moved = [PlacedScan.at(p.scan, Pose2D(p.pose.x_m + 0.6, p.pose.y_m)) for p in scans]
-    old = refinement.window.spec
-    refinement.take(moved)
-    new = refinement.window.spec
-    assert new.column0 == old.column0 + 3
-    for state, cells in zip(refinement.sampler.states, before, strict=True):
-        assert np.array_equal(state.cells, cells)
+    before, old = list(refinement.sampler.states), refinement.window.spec
+    placed = [
+        one if one.pose.x_m < 10.0 else PlacedScan.at(one.scan, Pose2D(one.pose.x_m + 0.6, 0.0))
+        for one in scans
+    ]
+    refinement.take(placed)
+    assert refinement.corrected
+    new, fresh = refinement.window.spec, Refinement(config)
+    fresh.take(placed)
+    middle = 50 - new.column0
+    for now, state, first in zip(
+        refinement.sampler.states, before, fresh.sampler.states, strict=True
+    ):
+        is_now, was = (c.reshape(new.height, -1) for c in (now.cells, state.cells))
+        begins = first.cells.reshape(new.height, -1)
+        assert np.array_equal(is_now[:, :middle], was[:, : 50 - old.column0])
+        assert not np.array_equal(is_now[:, :middle], begins[:, :middle])
+        # Patches forget their start by draws, here of fewer cells.
+        share = np.mean(is_now[:, middle:] != begins[:, middle:])
+        assert share <= (0.0 if patch.size == 1 else 0.1)

@@ -90,6 +90,37 @@ def test_scans_that_come_after_an_interruption_change_nothing_either(tmp_path, s
         assert np.array_equal(a.cells, b.cells)
 
 
+def test_a_window_that_grew_goes_on_with_what_its_first_scans_told_of_the_beams(tmp_path):
+    """Shares are fitted once; all scans together would tell of others."""
+    config = replace(CONFIG, chain=replace(CONFIG.chain, sensor='fitted'))
+    some = scans(6)
+    grown = taken(some[:1], config)
+    grown.take(some)
+    sweep(grown, 30)
+    grown.save(tmp_path / 'chains.npz')
+    again = taken(some, config)
+    assert again.model != grown.model
+    again.resume(tmp_path / 'chains.npz')
+    assert (again.model, again.sensor) == (grown.model, grown.sensor)
+    sweep(grown, 10)
+    sweep(again, 10)
+    assert np.array_equal(grown.map().probability, again.map().probability, equal_nan=True)
+    again.take([*some, *scans(8)[6:]])
+    assert again.model == grown.model
+
+
+@pytest.mark.parametrize('found', [7, {'clutter': 2.0, 'missing': 0.1, 'sensor': None}, {}])
+def test_beams_that_cannot_be_are_refused_and_change_nothing(tmp_path, found):
+    path = tmp_path / 'chains.npz'
+    first = taken(scans())
+    sweep(first, 21)
+    first.sampler.save(path, {**first._identity(), 'found': found})
+    before = first.sampler, first.model, first.window
+    with pytest.raises(WindowError, match='expected what was found of the beams'):
+        first.resume(path)
+    assert (first.sampler, first.model, first.window) == before
+
+
 def test_what_was_sampled_otherwise_is_refused_and_changes_nothing(tmp_path):
     path = tmp_path / 'chains.npz'
     first = taken(scans())

@@ -125,6 +125,41 @@ def test_refining_again_replaces_what_is_at_work_and_keeps_its_map(make):
     assert worker.result.draws >= 2
 
 
+def test_the_map_of_before_a_correction_is_replaced_soon(make):
+    """Scans that were placed anew: a few sweeps of the burn-in say more than a wrong map."""
+    worker = make(
+        config=replace(CONFIG, chain=replace(CONFIG.chain, burn_in=10**7)), map_every_s=0.01
+    )
+    some = scans(6)
+    worker.refine(some, ENDLESS)
+    until(lambda: worker.result is not None and worker.status.progress.sweeps > 5)
+    column = worker.result.grid_map.spec.column0
+    moved = [PlacedScan.at(one.scan, Pose2D(0.3, 0.1).compose(one.pose)) for one in some]
+    worker.refine(moved, ENDLESS)
+    until(lambda: worker.result.grid_map.spec.column0 == column + 3)
+    assert worker.status.progress.counted == 0
+
+
+def test_a_run_that_is_replaced_after_a_few_sweeps_leaves_the_map_of_before(make, monkeypatch):
+    worker, limits = make(map_every_s=1e6), StopConfig(max_sweeps=40, r_hat=0.0)
+    worker.refine(scans(6), limits)
+    until(lambda: idle(worker, 'sweeps'))
+    before, run = worker.result, Refinement.run
+
+    def few_sweeps(self, stop, cancelled):
+        *_, last = run(self, StopConfig(max_sweeps=8, r_hat=0.0))
+        until(cancelled)
+        yield last._replace(reason='cancelled')
+
+    monkeypatch.setattr(Refinement, 'run', few_sweeps)
+    worker.refine(scans(7), limits)
+    until(lambda: worker.status.state == 'sampling')
+    monkeypatch.undo()
+    worker.refine(scans(8), limits)
+    until(lambda: idle(worker, 'sweeps') and worker.status.scans == 8)
+    assert (worker.result.number, worker.result.scans) == (before.number + 1, 8)
+
+
 def test_the_same_scans_go_on_counting(make):
     worker, some = make(), scans(4)
     worker.refine(some, StopConfig(max_sweeps=30, r_hat=0.0))
@@ -203,6 +238,7 @@ def test_what_cannot_be_sampled_is_said_and_harms_nothing(make):
     assert '8000 rays need' in worker.status.error
     assert 'expected at most max_memory_mb = 1' in worker.status.error
     assert said == [f'not refined: {worker.status.error}']
+    assert worker.status.no_return.value == 'clear'  # as asked: the recording can go by it
     assert worker.result is before
     worker.refine(scans(4), StopConfig(max_sweeps=5, r_hat=0.0))
     until(lambda: idle(worker, 'error') and 'max_sweeps is 5' in worker.status.error)
