@@ -61,6 +61,13 @@ def add_to(subparsers: Subparsers) -> None:
     parser.add_argument(
         '--sampling-time', type=float, default=10.0, metavar='S', help='time for ~/refine, s'
     )
+    parser.add_argument(
+        '--field-of-view',
+        type=float,
+        default=0.0,
+        metavar='DEG',
+        help='of a CARMEN log that names no angles; 0: by the number of readings',
+    )
     parser.add_argument('--json', action='store_true', help='print the result as JSON')
     add_config_options(parser, 'mapping', NodeMapperConfig, PlacingConfig)
     add_stream_options(parser)

@@ -19,6 +19,7 @@ from ogm_mcmc.engine.bag_scans import PlacedScans
 from ogm_mcmc.engine.bag_topics import choose_topics
 from ogm_mcmc.engine.mounts import mounts_setting
 from ogm_mcmc.errors import LogError
+from ogm_mcmc.io.bag_files import is_recording
 from ogm_mcmc.io.bags import BagReader
 from ogm_mcmc.io.carmen_import import ImportOptions, import_carmen
 from ogm_mcmc.io.recording_bag import write_recording
@@ -58,16 +59,14 @@ def prepare(path: Path | None, folder: Path, options: argparse.Namespace) -> Dem
             bag_path, record(WORLDS['office'](), Lidar(), np.random.default_rng(1)), overwrite=True
         )
         print(f'simulated office: {count} scans -> {bag_path}', file=sys.stderr)
-    elif path.is_dir() or path.suffix in BAG_SUFFIXES:
+    elif path.is_dir() or path.suffix in BAG_SUFFIXES or is_recording(path):
         bag_path = path
     else:
         bag_path = folder / 'recording'
         if not path.exists():
             raise LogError(f'{path}: no such file; expected a CARMEN log or a bag')
-        print(
-            describe(import_carmen(path, bag_path, ImportOptions(), overwrite=True)),
-            file=sys.stderr,
-        )
+        how = ImportOptions(field_of_view_deg=options.field_of_view)
+        print(describe(import_carmen(path, bag_path, how, overwrite=True)), file=sys.stderr)
     return _looked_into(bag_path, options)
 
 

@@ -21,6 +21,7 @@ else:
     from backports import zstd
 
 __all__ = [
+    'is_recording',
     'kind_of',
     'mending',
     'plain_yaml',
@@ -56,6 +57,15 @@ def kind_of(path: Path) -> str:
     if path.name == 'metadata.yaml':
         raise BagError(f'{path}: expected the folder that it is in, {path.parent}')
     raise BagError(f'{path}: {what}: expected an mcap, sqlite3 or ROS 1 recording')
+
+
+def is_recording(path: Path) -> bool:
+    """Tell whether a file begins as a recording does, whatever it is called."""
+    try:
+        kind_of(path)
+    except (BagError, OSError):
+        return False
+    return True
 
 
 def unpacked(raw: bytes) -> bytes:

@@ -8,6 +8,7 @@ from support.transforms import transform
 from ogm_mcmc.cli import demo
 from ogm_mcmc.cli.demo import _common, _replay_arguments
 from ogm_mcmc.cli.demo_input import prepare
+from ogm_mcmc.errors import LogError
 from ogm_mcmc.geometry import Pose2D
 from ogm_mcmc.io import ros_types
 
@@ -84,6 +85,33 @@ def test_a_laser_whose_place_is_sent_again_and_again_does_not_move(looked_into, 
     again = [('/tf', t, transform(t, 'base_link', 'laser', 0.2, 0.0, 1.5)) for t in STAMPS]
     source, _ = looked_into([*scans, *odometry(), *again])
     assert (source.computed, source.moving, source.mounts) == ('', False, 'laser 0.2 0 1.5')
+
+
+def prepared(tmp_path, path, *arguments):
+    parser = argparse.ArgumentParser()
+    demo.add_to(parser.add_subparsers())
+    options = parser.parse_args(['demo', str(path), *arguments])
+    return prepare(options.input, tmp_path, options)
+
+
+def test_a_bag_is_one_whatever_it_is_called(write_bag, scans, tmp_path):
+    bag = write_bag([*scans, *odometry()], 'ros1')
+    for name in ('recording', 'run.bag.active', 'run.orig'):
+        path = bag.rename(tmp_path / name)
+        assert prepared(tmp_path, path).bag == path
+        bag = path
+    with pytest.raises(LogError, match='no such file; expected a CARMEN log or a bag'):
+        prepared(tmp_path, tmp_path / 'none')
+
+
+def test_a_log_without_angles_and_poses(write_log, tmp_path):
+    readings = ' '.join(['2.0'] * 541)
+    lines = [f'ODOM {0.1 * k} 0 0 0 0 0 {k} host {k}' for k in range(3)]
+    lines += [f'RAWLASER1 0 0 0 0 50 0 0 541 {readings} 0 {k}.5 host 0' for k in range(2)]
+    source = prepared(tmp_path, write_log(*lines), '--field-of-view', '270')
+    assert (source.pose_source, source.n_scans, source.beams) == ('pose', 2, 541)
+    with pytest.raises(LogError, match='or --field-of-view'):
+        prepared(tmp_path, write_log(*lines))
 
 
 def test_poses_of_a_file(looked_into, scans, tmp_path):
