@@ -78,6 +78,9 @@ def run_several(
         for heading, pictures in answer.sections:
             page.heading(heading)
             page.pictures(pictures)
+    page.heading('Files')
+    judges = [(f'--{name}', asked) for name, asked in _judges(options) if asked is not None]
+    page.table((), [*files.items(), *judges])
     page.heading('Settings')
     page.table(('setting', 'value'), sorted(settings.items()))
     result = write_answer(paths, result, page)
@@ -102,6 +105,10 @@ def _asked(
             options, maps, config, choice, points, placing, sampler
         )
     return answers
+
+
+def _judges(options: argparse.Namespace) -> tuple[tuple[str, Path | None], ...]:
+    return ('truth', options.truth), ('beams', options.bag)
 
 
 def _table(names: list[str], answers: Mapping[str, Compared]) -> tuple[list[str], list[list[str]]]:

@@ -95,6 +95,9 @@ def test_table_and_page(theirs, capsys):
     # Two maps, the truth, reliability and wins by cells; reliability and wins by beams.
     assert page.count('<img') == 7
     assert 'blue where ours is better than theirs' in page
+    files = [('ours', 'good.npz'), ('theirs', 'poor.npy'), ('--truth', 'truth.yaml')]
+    for what, file in [*files, ('--beams', 'bag')]:
+        assert f'<tr><td>{what}</td><td>{file}</td></tr>' in page
 
 
 def test_maps_of_other_grids_are_judged_by_the_same_beams(theirs, capsys):
