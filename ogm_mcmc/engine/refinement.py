@@ -41,9 +41,10 @@ from ogm_mcmc.sampling import (
     PosteriorSampler,
     RayWindow,
 )
+from ogm_mcmc.sampling.chain_starts import forgotten
 from ogm_mcmc.sampling.estimates import hide_uncertain
 from ogm_mcmc.sampling.informed import known_cells
-from ogm_mcmc.sampling.posterior import ARRIVES, Estimate, forgotten
+from ogm_mcmc.sampling.posterior import ARRIVES, Estimate
 from ogm_mcmc.sampling.saved_chains import saved_settings
 
 __all__ = [

@@ -183,10 +183,14 @@ def _version() -> str:
 
 
 class ChainState(NamedTuple):
-    """Where a chain stands: its map as bits (K / 8,), counts, generator, sweeps done."""
+    """Where a chain stands: its map as bits (K / 8,), counts, generator, sweeps done.
+
+    `settling`: counts of the burn-in, as long as anything follows from them.
+    """
 
     cells: UInt8Array
     counts: BatchCounts
+    settling: BatchCounts | None
     rng: np.random.Generator
     sweeps: int
 
@@ -227,7 +231,7 @@ class _DistantSampler(PosteriorSampler):
     ) -> None:
         super().__init__(here.model, [], seed=0, burn_in=here.burn_in)
         self.rngs, self.states, self.counts = here.rngs, here.states, here.counts
-        self.sweeps = here.sweeps
+        self.sweeps, self.settling = here.sweeps, here.settling
         self._problem, self._executor = problem, executor
         self._parcel = parcel
         self._shared: Any = None  # what stands for the parcel once it was sent
@@ -239,6 +243,7 @@ class _DistantSampler(PosteriorSampler):
             cells = np.unpackbits(chain.cells, count=self.model.n_cells)
             self.states[j] = self.model.start(cells)
             self.counts[j], self.rngs[j] = chain.counts, chain.rng
+        self.settling = [chain.settling for chain, _ in results if chain.settling is not None]
         self.sweeps += n_sweeps
         return sum(flips for _, flips in results)
 
@@ -267,7 +272,8 @@ class _DistantSampler(PosteriorSampler):
 
     def _chain(self, j: int) -> ChainState:
         cells = np.packbits(self.states[j].cells)
-        return ChainState(cells, self.counts[j], self.rngs[j], self.sweeps)
+        settling = self.settling[j] if self.settling else None
+        return ChainState(cells, self.counts[j], settling, self.rngs[j], self.sweeps)
 
 
 def advance_chain(
@@ -280,9 +286,11 @@ def advance_chain(
     sampler.states = [model.start(np.unpackbits(chain.cells, count=model.n_cells))]
     # Should this be done again, it has to begin at the same.
     sampler.counts, sampler.rngs = [copy.deepcopy(chain.counts)], [copy.deepcopy(chain.rng)]
+    sampler.settling = [copy.deepcopy(chain.settling)] if chain.settling is not None else []
     flips = sampler.advance(n_sweeps)
     cells = np.packbits(sampler.states[0].cells)
-    return ChainState(cells, sampler.counts[0], sampler.rngs[0], sampler.sweeps), flips
+    settling = sampler.settling[0] if sampler.settling else None
+    return ChainState(cells, sampler.counts[0], settling, sampler.rngs[0], sampler.sweeps), flips
 
 
 def share(executor: Executor, data: bytes) -> Any:

@@ -104,12 +104,12 @@ that are independent; the error is the least it can be.
 """
 
 from ogm_mcmc.sampling.cell_gibbs import CellModel, GibbsState, SweepInfo, sweep
+from ogm_mcmc.sampling.chain_starts import over_dispersed_starts
 from ogm_mcmc.sampling.diagnostics import ChainQuality
 from ogm_mcmc.sampling.posterior import (
     Estimate,
     PosteriorModel,
     PosteriorSampler,
-    over_dispersed_starts,
 )
 from ogm_mcmc.sampling.ray_index import RayIndex, RayWindow, WindowSize
 

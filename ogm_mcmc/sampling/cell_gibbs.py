@@ -160,10 +160,11 @@ class CellModel(IndexedModel):
         *,
         settling: bool = False,
         focus: object = None,
+        chances: object = None,
     ) -> int:
         """Draw every touched cell once, in place; return the number of flips.
 
-        `settling` and `focus` make no difference to single cells, see `PosteriorModel`.
+        `settling`, `focus` and `chances` make no difference to single cells, see `PosteriorModel`.
         """
         order = self.touched
         if self.order == 'random':
@@ -172,7 +173,7 @@ class CellModel(IndexedModel):
             order = self._checkered
         return draw_cells(rng, order, state, self.index, self.ceiling, self.prior_log_odds)
 
-    def focus(self, in_doubt: BoolArray) -> None:
+    def focus(self, in_doubt: BoolArray, moving: BoolArray) -> None:
         """Return nothing: a settled cell costs next to nothing."""
 
     def log_prior(self, state: GibbsState) -> float:

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ogm_mcmc.arrays import AnyArray, BoolArray, Float32Array, Float64Array
+from ogm_mcmc.sampling.gibbs_kernels import PARTS
 
 __all__ = ['BatchCounts', 'ChainQuality', 'assess', 'split_r_hat']
 
@@ -25,7 +26,8 @@ class BatchCounts:
     """How often each of C cells was occupied in batches of sweeps of one chain.
 
     There are at most 16 batches. When all are full each two become one, and a batch takes twice
-    as many sweeps from then on: memory stays the same however long a chain runs.
+    as many sweeps from then on: memory stays the same however long a chain runs. What is added for
+    a sweep is whether a cell was occupied or with what probability it was drawn, in `PARTS`.
     """
 
     def __init__(self, n_cells: int) -> None:
@@ -41,7 +43,7 @@ class BatchCounts:
 
     @property
     def row(self) -> AnyArray:
-        """Counts (C,) to add the next sweep to; call `sweep_added` afterwards."""
+        """Counts (C,), in `PARTS`, to add the next sweep to; call `sweep_added` afterwards."""
         row: AnyArray = self.counts[self.full]
         return row
 
@@ -56,7 +58,7 @@ class BatchCounts:
 
     def _merge(self) -> None:
         self.batch_length *= 2
-        if self.batch_length > LARGEST_UINT16 and self.counts.dtype == np.uint16:
+        if self.batch_length * PARTS > LARGEST_UINT16 and self.counts.dtype == np.uint16:
             self.counts = self.counts.astype(np.uint32)
         half = MAX_BATCHES // 2
         for batch in range(half):
@@ -66,12 +68,12 @@ class BatchCounts:
 
     @property
     def merged(self) -> AnyArray | None:
-        """Counts (8, C) of batches, as they were when two last became one; None before that."""
+        """Counts (8, C), in `PARTS`, of batches when two last became one; None before that."""
         return None if self.batch_length == 1 else self.counts[: MAX_BATCHES // 2]
 
-    def total(self) -> AnyArray:
-        """Counts (C,) over all sweeps, int64."""
-        total: AnyArray = self.counts.sum(axis=0, dtype=np.int64)
+    def total(self) -> Float64Array:
+        """How often (C,) cells were occupied in all sweeps."""
+        total: Float64Array = self.counts.sum(axis=0, dtype=np.int64) / PARTS
         return total
 
     @property
@@ -79,13 +81,14 @@ class BatchCounts:
         """Sweeps that `recent` counts."""
         return (self.full - self.full // 2) * self.batch_length + self.in_last
 
-    def recent(self) -> AnyArray:
-        """Counts (C,) over the later half of the batches and the one being filled, int64."""
-        recent: AnyArray = self.counts[self.full // 2 : self.full + 1].sum(axis=0, dtype=np.int64)
+    def recent(self) -> Float64Array:
+        """How often (C,), in the later half of the batches and the one being filled."""
+        rows = self.counts[self.full // 2 : self.full + 1]
+        recent: Float64Array = rows.sum(axis=0, dtype=np.int64) / PARTS
         return recent
 
     def batches(self) -> AnyArray:
-        """Counts (B, C) of the full batches."""
+        """Counts (B, C) of the full batches, in `PARTS`."""
         return self.counts[: self.full]
 
 
@@ -170,10 +173,10 @@ def assess(chains: list[BatchCounts]) -> ChainQuality | None:
         halves[2 * j] = counts[:half].sum(axis=0, dtype=np.float64)
         halves[2 * j + 1] = counts[n_batches - half :].sum(axis=0, dtype=np.float64)
         for batch in counts:
-            mean = batch / length
+            mean = batch / (length * PARTS)
             total += mean
             squares += mean * mean
-    halves /= half * length
+    halves /= half * length * PARTS
     n_means = n_batches * len(chains)
     mean = total / n_means
     # Variance of the mean of all: that of one batch, or half chain, by how many there are.

@@ -54,6 +54,10 @@ FROM_NEAR, FROM_FRONT, FROM_TILE = range(3)
 # Rounding of sums of up to a million terms stays far below this.
 SLACK = 1e-5
 
+# Counts are in parts of a map, so that probabilities can be counted, too.
+PARTS = 64
+NO_CHANCE = np.uint8(255)
+
 
 @kernel
 def find_first_hits(
@@ -268,7 +272,16 @@ def sweep_cells(
 
 
 @kernel
-def add_occupied(cells, touched, counts):
-    """Count the occupied among the touched cells: counts (C,) uint32."""
+def add_occupied(cells, chances, touched, counts):
+    """Count the occupied among the touched cells: counts (C,), in `PARTS`.
+
+    chances  (K,) uint8: the probability that a cell was last drawn with, in `PARTS`, counts in
+             place of what was drawn; used up, that is NO_CHANCE again afterwards
+    """
     for j in range(touched.size):
-        counts[j] += cells[touched[j]]
+        cell = touched[j]
+        if chances[cell] == NO_CHANCE:
+            counts[j] += cells[cell] * PARTS
+        else:
+            counts[j] += chances[cell]
+            chances[cell] = NO_CHANCE

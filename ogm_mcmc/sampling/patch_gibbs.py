@@ -98,9 +98,17 @@ from numpy.random import Generator
 from ogm_mcmc.arrays import AnyArray, BoolArray, UInt8Array
 from ogm_mcmc.errors import GridError, WindowError, require
 from ogm_mcmc.sampling.cell_gibbs import GibbsState, IndexedModel, first_hits
+from ogm_mcmc.sampling.informed import near
 from ogm_mcmc.sampling.patch_gibbs_kernels import sweep_patches
 from ogm_mcmc.sampling.patch_patterns import ring_cells
-from ogm_mcmc.sampling.patch_places import PatchPlaces, focused, patch_places, told_cells, turn
+from ogm_mcmc.sampling.patch_places import (
+    DULL_TURNS,
+    PatchPlaces,
+    focused,
+    patch_places,
+    told_cells,
+    turn,
+)
 from ogm_mcmc.sampling.patch_prior import PatchTable
 from ogm_mcmc.sampling.ray_index import RayIndex
 
@@ -167,6 +175,7 @@ class PatchModel(IndexedModel):
                 'of: expected a larger margin'
             )
         self._surrounded = margin is not None
+        self._no_doubt, self._unread = np.zeros((2, index.n_cells), np.uint8)
         places = np.indices((side, side)).reshape(2, -1)
         self._inner = (places[0] * width + places[1]).astype(np.int64)
         ring = ring_cells(side).astype(np.int64)
@@ -191,21 +200,39 @@ class PatchModel(IndexedModel):
         *,
         settling: bool = False,
         focus: PatchPlaces | None = None,
+        chances: UInt8Array | None = None,
     ) -> int:
         """Draw K / L patches in place; return the number of flipped cells."""
         order = self.order_of_sweep(rng) if focus is None else turn(rng, focus)
-        return self.draw_patches(rng, order, state, self._escape(settling))
+        doubted = None if focus is None else focus.doubted
+        return self.draw_patches(rng, order, state, self._escape(settling), doubted, chances)
 
-    def focus(self, in_doubt: BoolArray) -> PatchPlaces | None:
-        """Return where sweeps go that seldom come by patches without such a cell (K,)."""
+    def focus(self, in_doubt: BoolArray, moving: BoolArray) -> PatchPlaces | None:
+        """Return where sweeps go that seldom come by patches without such a cell (K,).
+
+        In the others cells that are `moving` (K,), and those beside, are drawn in every turn.
+        """
         if self.order == 'random' or not self._surrounded:
             return None
-        return focused(self._places, in_doubt.reshape(self.height, self.width), self.table.side)
+        shape = self.height, self.width
+        places = focused(self._places, in_doubt.reshape(shape), self.table.side)
+        doubted = near(moving.reshape(shape), 1).reshape(-1).view(np.uint8)
+        return places._replace(doubted=doubted)
 
     def draw_patches(
-        self, rng: Generator, corners: AnyArray, state: GibbsState, escape: float
+        self,
+        rng: Generator,
+        corners: AnyArray,
+        state: GibbsState,
+        escape: float,
+        doubted: UInt8Array | None = None,
+        chances: UInt8Array | None = None,
     ) -> int:
-        """Draw the patches with these lower left cells (P,) int32 in turn, in place."""
+        """Draw the patches with these lower left cells (P,) int32 in turn, in place.
+
+        Where some cells of a patch are `doubted` (K,) the others are drawn by themselves in one
+        of `DULL_TURNS` turns only, and `chances` (K,) are what the doubted ones are drawn with.
+        """
         index, table = self.index, self.table
         return int(
             sweep_patches(
@@ -218,6 +245,9 @@ class PatchModel(IndexedModel):
                 self.random_share,
                 table.side**2 if self.flip_cells else 0,
                 self.whole_share,
+                self._no_doubt if doubted is None else doubted,
+                1.0 / DULL_TURNS,
+                self._unread if chances is None else chances,
                 table.entry_of_border,
                 table.start,
                 table.candidates,

@@ -12,6 +12,7 @@ import numpy as np
 
 from ogm_mcmc.sampling.borrowed_arrays import borrowed
 from ogm_mcmc.sampling.gibbs_kernels import (
+    PARTS,
     SLACK,
     log_odds_unless_below,
     redirect_rays,
@@ -247,9 +248,10 @@ def draw_index(rng, log_weights, count, weights):
 
 @kernel
 def sweep_patches(
-    rng, corners, side, inner, ring, escape, random_share, flip_cells, whole_share,
-    entry_of_border, start, candidates, log_probability, floor, cells, records, bits, marks, lists,
-    full, gain, near, near_bits, front, tiles, runs, run_lengths, rays, ray_bits, grid,
+    rng, corners, side, inner, ring, escape, random_share, flip_cells, whole_share, doubted,
+    settled_share, chances, entry_of_border, start, candidates, log_probability, floor, cells,
+    records, bits, marks, lists, full, gain, near, near_bits, front, tiles, runs, run_lengths,
+    rays, ray_bits, grid,
 ):  # fmt: skip
     """Draw one patch after the other given its border and all rays; return the flipped cells.
 
@@ -262,8 +264,12 @@ def sweep_patches(
                   impossible, as published
     flip_cells    so many cells of each patch, from a random one on, are drawn after that, or
                   instead, one by one given the others, whatever the table lists
+    doubted       (K,) uint8; of a patch with such cells only these are drawn one by one, all of
+                  them in a share of its turns, `settled_share`
+    chances       (K,) uint8, output: what each of these cells was drawn with, in `PARTS`
     """
     cells, records, bits = borrowed(cells), borrowed(records), borrowed(bits)
+    doubted, chances = borrowed(doubted), borrowed(chances)
     marks, lists, full, gain = borrowed(marks), borrowed(lists), borrowed(full), borrowed(gain)
     near, near_bits, front = borrowed(near), borrowed(near_bits), borrowed(front)
     tiles, runs, run_lengths = borrowed(tiles), borrowed(runs), borrowed(run_lengths)
@@ -325,10 +331,17 @@ def sweep_patches(
                 cell, cells, records, bits, marks, lists, full, near, near_bits, front, tiles,
                 runs, run_lengths, rays, ray_bits, grid,
             )  # fmt: skip
-        place = np.int64(rng.random() * inner.size) if flip_cells else np.int64(0)
+        place, asked = np.int64(0), np.int64(-1)
+        if flip_cells:
+            place = np.int64(rng.random() * inner.size)
+            some = read_pattern(doubted, corner, inner)
+            if some and rng.random() >= settled_share:
+                asked = some
         for _ in range(flip_cells):
             place = (place + 1) % inner.size
             one = np.int64(1) << place
+            if not asked & one:
+                continue
             cell, u = corner + inner[place], rng.random()
             threshold = math.log(u / (1.0 - u)) if u > 0.0 else -math.inf
             prior = 0.0
@@ -339,13 +352,20 @@ def sweep_patches(
                 prior += value if option else -value
             number = list_of(cell, marks)
             most_added = gain[number] if number >= 0 else np.float32(0.0)
-            if prior < threshold - most_added - SLACK and not cells[cell]:
+            least = threshold
+            if doubted[cell]:
+                least = -math.inf  # the probability itself is wanted
+            if prior < least - most_added - SLACK and not cells[cell]:
                 continue  # no ray can change that
             log_odds = log_odds_unless_below(
-                threshold, prior, cell, cells, records, bits, marks, lists, full, gain, near,
+                least, prior, cell, cells, records, bits, marks, lists, full, gain, near,
                 near_bits, front, tiles, runs, run_lengths, rays, ray_bits, grid,
             )  # fmt: skip
             occupied = log_odds > threshold
+            if doubted[cell]:
+                # To a whole number of parts, up or down so that it is right in the mean.
+                chance = 1.0 / (1.0 + math.exp(-log_odds))
+                chances[cell] = np.uint8(chance * PARTS + rng.random())
             if occupied != (cells[cell] != 0):
                 cells[cell] = occupied
                 chosen ^= one

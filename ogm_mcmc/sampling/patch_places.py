@@ -33,7 +33,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.random import Generator
 
-from ogm_mcmc.arrays import AnyArray, BoolArray
+from ogm_mcmc.arrays import AnyArray, BoolArray, UInt8Array
 from ogm_mcmc.sampling.informed import arrival, near
 from ogm_mcmc.sampling.ray_index import RayIndex
 
@@ -55,13 +55,15 @@ class PatchPlaces(NamedTuple):
 
     `touched` (C,): the cells that are in a patch, in rising order; `corners` (P,): all patches.
     `active`, `dull`: by offset of the tiling, row by row, patches side by side of which every one
-    is drawn in a sweep, and those of which one in `DULL_TURNS` is.
+    is drawn in a sweep, and those of which one in `DULL_TURNS` is. `doubted` (K,) uint8: cells
+    that are drawn whenever their patch is, the others of such a patch seldom; None: all alike.
     """
 
     touched: AnyArray
     corners: AnyArray
     active: Sequence[AnyArray]
     dull: Sequence[AnyArray]
+    doubted: UInt8Array | None = None
 
 
 class _Tilings(Sequence[AnyArray]):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -17,16 +16,16 @@ from ogm_mcmc.errors import WindowError, require
 from ogm_mcmc.files.npz_files import TEXT, npz_file
 from ogm_mcmc.sampling.cell_gibbs import GibbsState
 from ogm_mcmc.sampling.diagnostics import BatchCounts, ChainQuality, assess
-from ogm_mcmc.sampling.gibbs_kernels import add_occupied
+from ogm_mcmc.sampling.gibbs_kernels import NO_CHANCE, PARTS, add_occupied
 from ogm_mcmc.sampling.saved_chains import cells_in, check_window, counts_in
 
-__all__ = ['Estimate', 'PosteriorModel', 'PosteriorSampler', 'forgotten', 'over_dispersed_starts']
+__all__ = ['Estimate', 'PosteriorModel', 'PosteriorSampler']
 
 ARRIVES = 0.5
 """A cell is informed if a ray arrives there with at least this chance."""
 
-FORGETTING_SWEEPS = 10
-FORGETTING_LOG_ODDS = math.log(1e-4)
+SETTLED = 0.002
+"""A cell this near to 0 or 1 is drawn seldom."""
 
 
 class PosteriorModel(Protocol):
@@ -51,16 +50,21 @@ class PosteriorModel(Protocol):
         *,
         settling: bool = False,
         focus: Any = None,
+        chances: UInt8Array | None = None,
     ) -> int:
         """Do one sweep in place; return the number of flips.
 
         `settling` says that it does not count: whatever leaves a bad start soonest will do.
-        `focus` is what `focus` returned, None to draw everything alike.
+        `focus` is what `focus` returned, None to draw everything alike. `chances` (K,) may be
+        filled with what cells were drawn with, in `PARTS`, to be counted in their place.
         """
         ...
 
-    def focus(self, in_doubt: BoolArray) -> Any:
-        """Return what makes sweeps come by settled cells seldom; `in_doubt` (K,) are not."""
+    def focus(self, in_doubt: BoolArray, moving: BoolArray) -> Any:
+        """Return what makes sweeps come by settled cells seldom; `in_doubt` (K,) are not.
+
+        Nor are those that are `moving` (K,), where they are near to these.
+        """
         ...
 
     def log_likelihood(self, state: GibbsState) -> float:
@@ -104,9 +108,11 @@ class PosteriorSampler:
     are scheduled and whatever number of sweeps is asked for at a time.
 
     Sweeps look most where there is doubt: in cells that a chain's own maps disagree about and at
-    which a ray arrives. Which these are is decided anew after 16 counted sweeps, 32, 64, ..., and
-    follows from the counts up to then; in between every patch has a fixed chance to be drawn,
-    which leaves the posterior as it is.
+    which a ray arrives. Which these are is decided anew after 16 sweeps of the burn-in, 32, ...,
+    at its end, and after 16 counted sweeps, 32, ..., and follows from the counts up to then; in
+    between every cell has a fixed chance to be drawn, which leaves the posterior as it is. Of
+    these cells the probability that they were drawn with is counted, not what was drawn; see the
+    design note of `ogm_mcmc.sampling.patch_gibbs`.
 
     Sweeps of the burn-in are counted apart, for a map to show before there are others; see
     `present_estimate`. A result is `estimate`: of counted sweeps alone, as R-hat and errors are.
@@ -131,8 +137,9 @@ class PosteriorSampler:
             self.states = list(pool.map(model.start, starts))
         self.counts = [BatchCounts(model.touched.size) for _ in starts]
         # Sweeps of the burn-in, by chain, as long as a map is made of them.
-        self._settling = [BatchCounts(model.touched.size) for _ in starts if burn_in > 0]
-        self._focus: dict[int, tuple[int, Any]] = {}  # by chain, and when it was decided
+        self.settling = [BatchCounts(model.touched.size) for _ in starts if burn_in > 0]
+        # By chain, and when it was decided.
+        self._focus: dict[int, tuple[tuple[str, int], Any]] = {}
 
     def advance(self, n_sweeps: int) -> int:
         """Do so many sweeps in every chain; return the number of flips in all."""
@@ -140,37 +147,62 @@ class PosteriorSampler:
         with ThreadPoolExecutor(n_chains) as pool:
             flips = sum(pool.map(self._advance_one, range(n_chains), [n_sweeps] * n_chains))
         self.sweeps += n_sweeps
-        if self.sweeps > self.burn_in and not self._helping():
-            self._settling = []
+        if self.counted > 0 and self.counts[0].merged is not None and not self._helping():
+            self.settling = []
         return flips
 
     def _advance_one(self, chain: int, n_sweeps: int) -> int:
         flips = 0
         state, counts = self.states[chain], self.counts[chain]
-        settled = self._settling[chain] if self._settling else None
+        settled = self.settling[chain] if self.settling else None
+        chances = np.full(self.model.n_cells, NO_CHANCE, np.uint8)
         for i in range(n_sweeps):
             settling = self.sweeps + i < self.burn_in
-            focus = None if settling else self._focus_of(chain)
-            flips += self.model.advance(self.rngs[chain], state, settling=settling, focus=focus)
             into = settled if settling else counts
+            flips += self.model.advance(
+                self.rngs[chain],
+                state,
+                settling=settling,
+                focus=self._focus_of(chain, settling),
+                chances=None if into is None else chances,
+            )
             if into is not None:
-                add_occupied(state.cells, self.model.touched, into.row)
+                add_occupied(state.cells, chances, self.model.touched, into.row)
                 into.sweep_added()
         return flips
 
-    def _focus_of(self, chain: int) -> Any:
+    def _focus_of(self, chain: int, settling: bool) -> Any:
         """Return what the chain's sweeps look at most, None while everything is."""
-        counts, model = self.counts[chain], self.model
-        if counts.merged is None:
+        told = self._told_of(chain, settling)
+        if told is None:
             return None
-        decided, focus = self._focus.get(chain, (0, None))
-        if decided != counts.batch_length:
-            mean = counts.merged.mean(axis=0, dtype=np.float32) / np.float32(counts.batch_length)
-            in_doubt = np.zeros(model.n_cells, np.bool_)
-            in_doubt[model.touched] = (mean > 0.0) & (mean < 1.0)
-            focus = model.focus(in_doubt & (self.arrival(mean) >= ARRIVES))
-            self._focus[chain] = counts.batch_length, focus
+        when, rows, length = told
+        decided, focus = self._focus.get(chain, (None, None))
+        if decided != when:
+            mean = rows.mean(axis=0, dtype=np.float32) / np.float32(length * PARTS)
+            moving = np.zeros(self.model.n_cells, np.bool_)
+            moving[self.model.touched] = (mean > SETTLED) & (mean < 1.0 - SETTLED)
+            focus = self.model.focus(moving & (self.arrival(mean) >= ARRIVES), moving)
+            self._focus[chain] = when, focus
         return focus
+
+    def _told_of(self, chain: int, settling: bool) -> tuple[tuple[str, int], AnyArray, int] | None:
+        """Return by what sweeps the focus is decided: when, their batches (B, C), of what length.
+
+        In the burn-in it is the later half of what there was when batches last became longer, then
+        that of the whole burn-in, until 16 sweeps count.
+        """
+        merged = self.counts[chain].merged
+        if merged is not None:
+            length = self.counts[chain].batch_length
+            return ('counted', length), merged, length
+        settled = self.settling[chain] if self.settling else None
+        if settled is None or settled.merged is None:
+            return None
+        length = settled.batch_length
+        if settling:
+            return ('settling', length), settled.merged[len(settled.merged) // 2 :], length
+        return ('settled', length), settled.batches()[settled.full // 2 :], length
 
     @property
     def counted(self) -> int:
@@ -206,7 +238,7 @@ class PosteriorSampler:
         return Estimate((total / draws).astype(np.float32), self.counted, draws)
 
     def _helping(self) -> list[BatchCounts]:
-        return [counts for counts in self._settling if counts.n_recent > self.counted]
+        return [counts for counts in self.settling if counts.n_recent > self.counted]
 
     def quality(self) -> ChainQuality | None:
         """Judge the chains (see `assess`); None while they are too short."""
@@ -246,7 +278,7 @@ class PosteriorSampler:
     def n_bytes(self) -> int:
         """Memory of states and counts."""
         states = sum(array.nbytes for state in self.states for array in state)
-        counted = sum(counts.counts.nbytes for counts in (*self.counts, *self._settling))
+        counted = sum(counts.counts.nbytes for counts in (*self.counts, *self.settling))
         return int(states + counted)
 
     def save(self, path: Path, settings: dict[str, Any]) -> None:
@@ -254,13 +286,13 @@ class PosteriorSampler:
         arrays: dict[str, Any] = {}
         for j, state in enumerate(self.states):
             arrays[f'cells_{j}'] = np.packbits(state.cells)
-        for number, counts in enumerate((*self.counts, *self._settling)):
+        for number, counts in enumerate((*self.counts, *self.settling)):
             arrays[f'counts_{number}'] = counts.counts
             arrays[f'progress_{number}'] = (counts.batch_length, counts.full, counts.in_last)
         header = {
-            'version': 1,
+            'version': 2,
             'chains': len(self.states),
-            'settling': len(self._settling),
+            'settling': len(self.settling),
             'sweeps': self.sweeps,
             'burn_in': self.burn_in,
             'n_cells': self.model.n_cells,
@@ -288,11 +320,13 @@ class PosteriorSampler:
             header = json.loads(str(held.read('header', TEXT)))
             accept(header['settings'])
             check_window(path, header, (model.n_cells, model.touched.size))
+            # At first sweeps were counted, not parts of them.
+            parts = 1 if header['version'] == 1 else PARTS
             sampler = cls(model, [], seed=0, burn_in=int(header['burn_in']))
             sampler.sweeps = int(header['sweeps'])
             for j in range(min(int(header['chains']), len(header['generators']))):
                 sampler.states.append(model.start(cells_in(held, j, model.n_cells)))
-                sampler.counts.append(counts_in(held, j, model.touched.size))
+                sampler.counts.append(counts_in(held, j, model.touched.size, parts))
                 rng = np.random.default_rng()
                 rng.bit_generator.state = header['generators'][j]
                 sampler.rngs.append(rng)
@@ -300,8 +334,8 @@ class PosteriorSampler:
             settling = int(header.get('settling', 0))
             if settling not in (0, chains):
                 raise ValueError(f'burn-in of {settling} chains: expected 0 or {chains}')
-            sampler._settling = [
-                counts_in(held, chains + j, model.touched.size) for j in range(settling)
+            sampler.settling = [
+                counts_in(held, chains + j, model.touched.size, parts) for j in range(settling)
             ]
             if len(sampler.states) != header['chains']:
                 raise ValueError(f'{header["chains"]} chains: expected as many generators')
@@ -318,60 +352,3 @@ class PosteriorSampler:
                 f'{path}: its maps had log-likelihood {log_likelihoods[0]:.6g}: expected '
                 f'{self.log_likelihoods()[0]:.6g}, as they have with the rays of this window'
             )
-
-
-def forgotten(
-    model: PosteriorModel,
-    starts: Sequence[UInt8Array],
-    seed: int,
-    only: BoolArray | None = None,
-) -> list[UInt8Array]:
-    """Return maps (K,) that do not depend on where they started, `only` in these cells (K,).
-
-    A block of solid or empty cells is held together by a learned prior, and would outlast any
-    burn-in. So cells are drawn one by one first, given the same rays and an even, small chance of
-    being occupied: a few sweeps leave what the readings ask for, and nothing else.
-    """
-    rngs = np.random.default_rng([seed, 2]).spawn(len(starts))
-
-    def one(rng: Generator, cells: UInt8Array) -> UInt8Array:
-        state = model.start(cells)
-        model.forget(rng, state, FORGETTING_LOG_ODDS, FORGETTING_SWEEPS, only)
-        return state.cells
-
-    with ThreadPoolExecutor(len(starts)) as pool:
-        return list(pool.map(one, rngs, starts))
-
-
-def over_dispersed_starts(
-    kind: str,
-    n_chains: int,
-    live: UInt8Array,
-    prior: float,
-    seed: int,
-    free: BoolArray,
-) -> list[UInt8Array]:
-    """Return a map (K,) per chain to start from; `live` is the thresholded live map.
-
-    `dispersed` takes live, occupied, free and a draw from the prior in turn, but for the cells
-    that are `free` (K,) in the live map: the two extremes disagree about everything else, so
-    chains that agree afterwards have forgotten their start. Were the free cells occupied, too,
-    a ray would end in front of its sensor, where every next cell is as unlikely as the last: a
-    solid block wears off from its rim only (Intel, a tenth of the scans, `beam`: half of it was
-    still there after 400 sweeps).
-    """
-    rng = np.random.default_rng([seed, 1])
-
-    def one(name: str) -> UInt8Array:
-        if name == 'live':
-            return live.copy()
-        if name == 'prior':
-            cells = (rng.random(live.size) < prior).astype(np.uint8)
-        else:
-            cells = np.full(live.size, name == 'occupied', np.uint8)
-        if kind == 'dispersed':
-            cells[free] = 0
-        return cells
-
-    turns = ('live', 'occupied', 'free', 'prior') if kind == 'dispersed' else (kind,)
-    return [one(turns[j % len(turns)]) for j in range(n_chains)]

@@ -12,6 +12,7 @@ from ogm_mcmc.arrays import UInt8Array
 from ogm_mcmc.errors import WindowError
 from ogm_mcmc.files.npz_files import TEXT, Field, NpzFile, npz_file
 from ogm_mcmc.sampling.diagnostics import BatchCounts
+from ogm_mcmc.sampling.gibbs_kernels import PARTS
 
 __all__ = ['cells_in', 'check_window', 'counts_in', 'saved_settings']
 
@@ -30,19 +31,20 @@ def cells_in(held: NpzFile, chain: int, n_cells: int) -> UInt8Array:
     return cells
 
 
-def counts_in(held: NpzFile, chain: int, n_touched: int) -> BatchCounts:
-    """Return what a chain counted in C cells."""
+def counts_in(held: NpzFile, chain: int, n_touched: int, parts: int) -> BatchCounts:
+    """Return what a chain counted in C cells; `parts` of a sweep were counted."""
     counts = BatchCounts(n_touched)
     rows = held.read(f'counts_{chain}', Field('u', counts.counts.shape))
     if rows.dtype not in (np.uint16, np.uint32):
         raise ValueError(f'counts_{chain} is {rows.dtype}: expected uint16 or uint32')
     progress = held.read(f'progress_{chain}', Field('iu', (3,)))
-    counts.counts = rows
+    counts.counts = rows if parts == PARTS else rows.astype(np.uint32) * np.uint32(PARTS)
     counts.batch_length, counts.full, counts.in_last = map(int, progress)
     if not (0 <= counts.full < len(rows) and 0 <= counts.in_last < counts.batch_length):
         raise ValueError(f'batches {progress}: expected a row to go on with')
     most = np.zeros(len(rows), np.int64)
     most[: counts.full], most[counts.full] = counts.batch_length, counts.in_last
+    most *= parts
     if (rows.max(axis=1, initial=0) > most).any():
         raise ValueError(f'counts_{chain}: expected no more than the sweeps of a batch')
     return counts
@@ -50,8 +52,8 @@ def counts_in(held: NpzFile, chain: int, n_touched: int) -> BatchCounts:
 
 def check_window(path: Path, header: dict[str, Any], here: tuple[int, int]) -> None:
     """Raise WindowError unless a state is of so many cells, of which so many are sampled."""
-    if header['version'] != 1:
-        raise WindowError(f'{path}: version {header["version"]}: expected 1')
+    if header['version'] not in (1, 2):
+        raise WindowError(f'{path}: version {header["version"]}: expected 1 or 2')
     saved = header['n_cells'], header['touched']
     if saved != here:
         raise WindowError(

@@ -115,6 +115,7 @@ class TiledModel:
         *,
         settling: bool = False,
         focus: PatchPlaces | None = None,
+        chances: UInt8Array | None = None,
     ) -> int:
         """Do one sweep in place; return the number of flips."""
         prior = self._prior
@@ -148,7 +149,7 @@ class TiledModel:
         for _ in range(sweeps):
             self._sweep_cells(rng, state, prior_log_odds, 'fixed')
 
-    def focus(self, in_doubt: BoolArray) -> PatchPlaces | None:
+    def focus(self, in_doubt: BoolArray, moving: BoolArray) -> PatchPlaces | None:
         """Return where sweeps go that seldom come by patches without such a cell (K,)."""
         if self._places is None:
             return None

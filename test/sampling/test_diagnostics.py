@@ -9,6 +9,7 @@ from ogm_mcmc.geometry import PlacedScan, Pose2D
 from ogm_mcmc.lab.exact import enumerate_maps
 from ogm_mcmc.sampling import CellModel, PosteriorSampler, RayWindow
 from ogm_mcmc.sampling.diagnostics import BatchCounts, assess, split_r_hat
+from ogm_mcmc.sampling.gibbs_kernels import PARTS
 
 approx = pytest.approx
 
@@ -17,7 +18,7 @@ def filled(draws):
     """Batch counts of a stored chain (n, C)."""
     counts = BatchCounts(draws.shape[1])
     for draw in draws:
-        counts.row[:] += draw.astype(counts.counts.dtype)
+        counts.row[:] += draw.astype(counts.counts.dtype) * PARTS
         counts.sweep_added()
     return counts
 
@@ -60,7 +61,7 @@ def test_merging_keeps_totals(n):
     assert counts.total().tolist() == draws.sum(axis=0, dtype=np.int64).tolist()
     # Each full batch is the sum of its own stretch of the chain.
     length = counts.batch_length
-    batches = counts.batches()
+    batches = counts.batches() / PARTS
     assert batches.shape[0] == n // length < 16
     for b, batch in enumerate(batches):
         assert batch.tolist() == draws[b * length : (b + 1) * length].sum(axis=0).tolist()
@@ -70,19 +71,19 @@ def test_merging_keeps_totals(n):
 def test_counts_do_not_overflow():
     """Batches as long as a uint16 can count, all of them full of ones."""
     counts = BatchCounts(2)
-    counts.batch_length = 2**15
+    counts.batch_length = 2**15 // PARTS
     counts.counts[:, 0] = 2**15
-    counts.full, counts.in_last = 15, 2**15 - 1
-    counts.counts[15, 0] -= 1
-    counts.row[0] += 1
+    counts.full, counts.in_last = 15, counts.batch_length - 1
+    counts.counts[15, 0] -= PARTS
+    counts.row[0] += PARTS
     counts.sweep_added()
-    assert counts.batch_length == 2**16
-    assert counts.total().tolist() == [2**19, 0]
+    assert counts.batch_length == 2**16 // PARTS
+    assert counts.total().tolist() == [2**19 / PARTS, 0]
     assert counts.batches()[:, 0].tolist() == [2**16] * 8
-    counts.row[0] += 1
+    counts.row[0] += PARTS
     counts.sweep_added()
-    assert counts.n_sweeps == 2**19 + 1
-    assert counts.total()[0] == 2**19 + 1
+    assert counts.n_sweeps == 2**19 // PARTS + 1
+    assert counts.total()[0] == 2**19 / PARTS + 1
 
 
 # -- R-hat ----------------------------------------------------------------------------------------

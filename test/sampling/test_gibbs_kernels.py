@@ -12,7 +12,13 @@ from support.tiny_problems import cell_numbers, tiny_problems
 
 from ogm_mcmc.sampling import CellModel
 from ogm_mcmc.sampling.cell_gibbs import draw_cells, first_hits
-from ogm_mcmc.sampling.gibbs_kernels import add_occupied, find_first_hits, sweep_cells
+from ogm_mcmc.sampling.gibbs_kernels import (
+    NO_CHANCE,
+    PARTS,
+    add_occupied,
+    find_first_hits,
+    sweep_cells,
+)
 from ogm_mcmc.sampling.ray_index_kernels import NOTHING
 from ogm_mcmc.sampling.ray_line_kernels import SHAPE, START, first_place
 
@@ -115,8 +121,11 @@ def test_ceiling_is_above_the_conditional_of_every_map(problem):
 def test_counting_the_occupied():
     cells = np.array([0, 1, 1, 0, 1], np.uint8)
     counts = np.array([5, 6, 7], np.uint16)
-    add_occupied(cells, np.array([0, 1, 4], np.int32), counts)
-    assert counts.tolist() == [5, 7, 8]
+    chances = np.array([NO_CHANCE, NO_CHANCE, 3, 4, 40], np.uint8)
+    add_occupied(cells, chances, np.array([0, 1, 4], np.int32), counts)
+    assert counts.tolist() == [5, 6 + PARTS, 47]
+    # A probability counts once, in place of what was drawn.
+    assert chances.tolist() == [NO_CHANCE, NO_CHANCE, 3, 4, NO_CHANCE]
 
 
 @pytest.mark.jit

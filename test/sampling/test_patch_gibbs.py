@@ -14,9 +14,11 @@ from ogm_mcmc.errors import GridError, PriorError, WindowError
 from ogm_mcmc.geometry import CellBox, PlacedScan, Pose2D
 from ogm_mcmc.lab.exact import enumerate_maps
 from ogm_mcmc.sampling import CellModel, PosteriorSampler, RayWindow
+from ogm_mcmc.sampling.gibbs_kernels import NO_CHANCE, PARTS
 from ogm_mcmc.sampling.patch_gibbs import PatchModel
 from ogm_mcmc.sampling.patch_gibbs_kernels import add_likelihoods, scratch
 from ogm_mcmc.sampling.patch_patterns import images, join, split
+from ogm_mcmc.sampling.patch_places import DULL_TURNS
 from ogm_mcmc.sampling.patch_prior import PatchTable, make_table
 
 # Two patches of 3 x 3, one beside the other.
@@ -138,7 +140,7 @@ def test_a_draw_leaves_the_conditional_as_it_is(name, escape, buildings):
         assert (twice[draw.listed] > 0.0).all()
 
 
-def kernel_frequencies(sampler, cells, place, escape, count, seed):
+def kernel_frequencies(sampler, cells, place, escape, count, seed, doubted=None, chances=None):
     """How often one draw from `cells` gives each pattern (512,)."""
     rng = np.random.default_rng(seed)
     state = sampler.start(cells)
@@ -148,7 +150,7 @@ def kernel_frequencies(sampler, cells, place, escape, count, seed):
     for _ in range(count):
         state.cells[:] = before.cells
         state.records[:] = before.records
-        sampler.draw_patches(rng, corner, state, escape)
+        sampler.draw_patches(rng, corner, state, escape, doubted, chances)
         seen[naive.pattern_at(state.cells, WIDTH, *place, 3)] += 1
     return seen
 
@@ -185,19 +187,20 @@ def test_kernel_draws_as_its_twin(name, escape, present, buildings):
     assert abs(disagreement(seen, draw.transition(escape)[present])) < 4.0
 
 
-def cells_in_turn(conditional):
-    """Transition (512, 512): nine cells one by one given the others, from a random one on."""
-    patterns = np.arange(512)
-    draws = []
-    for i in range(9):
-        free, occupied = patterns & ~(1 << i), patterns | (1 << i)
-        both = conditional[free] + conditional[occupied]
-        one = np.zeros((512, 512))
-        one[patterns, free] = conditional[free] / both
-        one[patterns, occupied] = conditional[occupied] / both
-        draws.append(one)
-    turns = [np.linalg.multi_dot([*draws[i:], *draws[:i]]) for i in range(9)]
-    return sum(turns) / 9.0
+def cells_in_turn(share, conditional, chosen=range(9)):
+    """Distribution (512,) after one of nine cells and the next are drawn given the others.
+
+    From a random one on; `share` (512,) before. Cells that are not `chosen` are passed over.
+    """
+    patterns, after = np.arange(512), np.zeros(512)
+    for first in range(9):
+        turned = share
+        for cell in (i % 9 for i in range(first, first + 9) if i % 9 in chosen):
+            free, occupied = patterns & ~(1 << cell), patterns | (1 << cell)
+            drawn = conditional / (conditional[free] + conditional[occupied])
+            turned = (turned[free] + turned[occupied]) * drawn
+        after += turned / 9.0
+    return after
 
 
 @pytest.mark.jit
@@ -215,15 +218,80 @@ def test_flips_of_cells_leave_the_conditional_as_it_is(name, escape, present, bu
     )
     draw = naive.PatchDraw(naive.rays_of(index), cells.tolist(), WIDTH, place, table)
     conditional = draw.conditional()
-    flip = cells_in_turn(conditional)
-    assert_allclose(conditional @ flip, conditional, rtol=1e-9)
+    assert_allclose(cells_in_turn(conditional, conditional), conditional, rtol=1e-9)
     sampler = PatchModel(index, WIDTH, table, flip_cells=True)
     assert 0.0 < sampler.whole_share < 1.0
     whole = sampler.whole_share * draw.transition(escape)
-    expected = ((whole + (1.0 - sampler.whole_share) * np.eye(512)) @ flip)[present]
+    before = (whole + (1.0 - sampler.whole_share) * np.eye(512))[present]
+    expected = cells_in_turn(before, conditional)
     seen = kernel_frequencies(sampler, cells, place, escape, 6000, 29)
     assert (seen > 0).sum() > 3
     assert abs(disagreement(seen, expected)) < 4.0
+
+
+@pytest.mark.jit
+def test_cells_in_doubt_are_drawn_more_often_than_others(buildings):
+    """Of a patch with such cells the others come in one of eight turns: exact, as its twin."""
+    index, place, chosen = window_of(two_scans()).index, PLACES[1], (1, 3, 8)
+    table = table_of('border', buildings)
+    cells = np.array(
+        naive.with_pattern(some_map(np.random.default_rng(5)), WIDTH, *place, 3, 341), np.uint8
+    )
+    conditional = naive.PatchDraw(
+        naive.rays_of(index), cells.tolist(), WIDTH, place, table
+    ).conditional()
+
+    def drawn(share):
+        some, every = (cells_in_turn(share, conditional, c) for c in (chosen, range(9)))
+        return some + (every - some) / DULL_TURNS
+
+    assert_allclose(drawn(conditional), conditional, rtol=1e-9)
+    sampler = PatchModel(index, WIDTH, table, flip_cells=True)
+    sampler.whole_share = 0.0
+    doubted = np.zeros(cells.size, np.uint8)
+    doubted[corner_of(place)[0] + sampler._inner[list(chosen)]] = 1
+    seen = kernel_frequencies(sampler, cells, place, 0.0, 6000, 31, doubted)
+    assert (seen > 0).sum() > 3
+    assert abs(disagreement(seen, drawn(np.eye(512)[341]))) < 4.0
+
+
+@pytest.mark.jit
+def test_the_probability_a_cell_is_drawn_with_is_told(buildings):
+    """In the mean over the rounding to parts; and the draw has that probability."""
+    index, place, which = window_of(two_scans()).index, PLACES[1], 5
+    table = table_of('handmade', buildings)
+    cells = some_map(np.random.default_rng(9))
+    present = naive.pattern_at(cells, WIDTH, *place, 3)
+    conditional = naive.PatchDraw(
+        naive.rays_of(index), cells.tolist(), WIDTH, place, table
+    ).conditional()
+    free, occupied = (conditional[p] for p in (present & ~(1 << which), present | 1 << which))
+    expected = occupied / (free + occupied)
+    assert 0.01 < expected < 0.99
+    sampler = PatchModel(index, WIDTH, table, flip_cells=True)
+    sampler.whole_share = 0.0
+    cell = corner_of(place)[0] + sampler._inner[which]
+    doubted, chances = np.zeros(cells.size, np.uint8), np.full(cells.size, NO_CHANCE)
+    doubted[cell] = 1
+    rng, state = np.random.default_rng(4), sampler.start(cells)
+    told, drawn = [], []
+    for _ in range(4000):
+        # A turn that draws the other cells, too, is of another map.
+        before = state.copy()
+        sampler.draw_patches(rng, corner_of(place), state, 0.0, doubted, chances)
+        others = before.cells != state.cells
+        others[cell] = False
+        if not others.any():
+            told.append(int(chances[cell]))
+            drawn.append(int(state.cells[cell]))
+        state.cells[:], state.records[:] = before.cells, before.records
+    common = np.bincount(told).argsort()[-2:]  # the whole numbers of parts on both sides
+    told, drawn = np.array(told), np.array(drawn)
+    near_by = np.isin(told, common)
+    assert near_by.mean() > 0.9
+    assert told[near_by].mean() / PARTS == pytest.approx(expected, abs=0.003)
+    assert drawn[near_by].mean() == pytest.approx(expected, abs=0.03)
+    assert (chances == NO_CHANCE).sum() == cells.size - 1
 
 
 @pytest.mark.jit

@@ -12,9 +12,12 @@ from ogm_mcmc.engine.prior_files import default_prior_file, load_prior
 from ogm_mcmc.errors import ConfigError, WindowError
 from ogm_mcmc.geometry import CellBox, PlacedScan, Pose2D
 from ogm_mcmc.sampling import CellModel, PosteriorSampler, RayWindow, over_dispersed_starts
+from ogm_mcmc.sampling.chain_starts import forgotten
+from ogm_mcmc.sampling.gibbs_kernels import PARTS
+from ogm_mcmc.sampling.informed import near
 from ogm_mcmc.sampling.patch_gibbs import PatchModel
 from ogm_mcmc.sampling.patch_prior import make_table
-from ogm_mcmc.sampling.posterior import ARRIVES, forgotten
+from ogm_mcmc.sampling.posterior import ARRIVES, SETTLED
 from ogm_mcmc.sampling.ray_index_kernels import WIDTH
 
 approx = pytest.approx
@@ -137,7 +140,7 @@ def test_memory_is_reported():
     n_rays, n_touched = model.index.n_rays, model.touched.size
     counts = 16 * 2 * n_touched
     assert sampler.n_bytes == 3 * (model.n_cells + 8 * n_rays + 2 * counts)
-    sampler.advance(5 + 10)  # enough sweeps count, those of the burn-in are not needed any more
+    sampler.advance(5 + 16)  # enough sweeps count, those of the burn-in are not needed any more
     assert sampler.n_bytes == 3 * (model.n_cells + 8 * n_rays + counts)
 
 
@@ -261,28 +264,63 @@ def patch_model():
     return PatchModel(cell_model.index, width, table, margin=1, flip_cells=True)
 
 
-def test_what_sweeps_look_at_most_follows_from_the_counts(tmp_path):
+@pytest.mark.parametrize(('burn_in', 'saved_at'), [(2, 41), (20, 19), (20, 25), (40, 33)])
+def test_what_sweeps_look_at_most_follows_from_the_counts(tmp_path, burn_in, saved_at):
     """The same after saving, at any sweep, and nothing new between two doublings."""
-    whole, first = sampler_of(patch_model(), burn_in=2), sampler_of(patch_model(), burn_in=2)
-    whole.advance(100)
-    first.advance(41)
+    whole, first = (sampler_of(patch_model(), burn_in=burn_in) for _ in range(2))
+    whole.advance(burn_in + 98)
+    first.advance(saved_at)
     first.save(tmp_path / 'state.npz', {})
     taken_up, _ = PosteriorSampler.load(tmp_path / 'state.npz', patch_model())
-    taken_up.advance(59)
+    taken_up.advance(burn_in + 98 - saved_at)
     assert_same(taken_up, whole)
-    assert [decided for decided, _ in whole._focus.values()] == [8, 8]
+    assert [decided for decided, _ in whole._focus.values()] == [('counted', 8)] * 2
     for chain, (_, focus) in whole._focus.items():
-        counts = whole.counts[chain].counts[:8].sum(axis=0)
-        mean = (counts / 64.0).astype(np.float32)
-        doubted = whole.model.touched[(counts > 0) & (counts < 64)]
-        arrives = np.flatnonzero(whole.arrival(mean) >= ARRIVES)
-        expected = np.intersect1d(doubted, arrives)
+        parts = whole.counts[chain].counts[:8].sum(axis=0)
+        mean = (parts / (64.0 * PARTS)).astype(np.float32)
+        moving = np.zeros(whole.model.n_cells, np.bool_)
+        moving[whole.model.touched] = (mean > SETTLED) & (mean < 1.0 - SETTLED)
+        expected = np.flatnonzero(moving & (whole.arrival(mean) >= ARRIVES))
         some = [
             np.isin(corner + whole.model._inner, expected).any()
             for corner in whole.model._places.corners
         ]
         active = np.concatenate(focus.active)
         assert np.array_equal(np.sort(active), whole.model._places.corners[some])
+        shape = whole.model.height, whole.model.width
+        assert np.array_equal(focus.doubted, near(moving.reshape(shape), 1).reshape(-1))
+
+
+def test_the_burn_in_looks_most_where_there_is_doubt_too():
+    sampler = sampler_of(patch_model(), burn_in=24)
+    found = []
+    for _ in range(42):
+        sampler.advance(1)
+        found.append([decided for decided, _ in sampler._focus.values()])
+    assert found[15] == []
+    assert found[16] == found[23] == [('settling', 2)] * 2
+    assert found[24] == found[39] == [('settled', 2)] * 2
+    assert found[40] == [('counted', 2)] * 2
+    assert sampler.settling == []
+
+
+def test_states_that_counted_sweeps_are_taken_up(tmp_path):
+    """Of version 1, which counted maps, not parts of them."""
+    first, later = sampler_of(small_model()), sampler_of(small_model())
+    first.advance(60)
+    first.save(tmp_path / 'state.npz', {})
+    with np.load(tmp_path / 'state.npz') as data:
+        content = {name: data[name] for name in data.files}
+    for name in content:
+        if name.startswith('counts'):
+            content[name] = content[name] // PARTS
+    header = json.loads(str(content['header']))
+    content['header'] = np.array(json.dumps({**header, 'version': 1}))
+    np.savez(tmp_path / 'old.npz', **content)
+    taken_up, _ = PosteriorSampler.load(tmp_path / 'old.npz', small_model())
+    taken_up.advance(40)
+    later.advance(100)
+    assert np.array_equal(taken_up.estimate().mean, later.estimate().mean)
 
 
 @pytest.fixture
@@ -352,7 +390,7 @@ def rewritten(path, header=None, **arrays):
 @pytest.mark.parametrize(
     'change',
     [
-        {'header': {'version': 2}},
+        {'header': {'version': 3}},
         {'header': {'chains': 3}},
         {'header': {'generators': []}},
         {'header': {'sweeps': -4}},

@@ -1,0 +1,75 @@
+"""Maps that chains start from."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+from numpy.random import Generator
+
+from ogm_mcmc.arrays import BoolArray, UInt8Array
+from ogm_mcmc.sampling.posterior import PosteriorModel
+
+__all__ = ['forgotten', 'over_dispersed_starts']
+
+FORGETTING_SWEEPS = 10
+FORGETTING_LOG_ODDS = math.log(1e-4)
+
+
+def forgotten(
+    model: PosteriorModel,
+    starts: Sequence[UInt8Array],
+    seed: int,
+    only: BoolArray | None = None,
+) -> list[UInt8Array]:
+    """Return maps (K,) that do not depend on where they started, `only` in these cells (K,).
+
+    A block of solid or empty cells is held together by a learned prior, and would outlast any
+    burn-in. So cells are drawn one by one first, given the same rays and an even, small chance of
+    being occupied: a few sweeps leave what the readings ask for, and nothing else.
+    """
+    rngs = np.random.default_rng([seed, 2]).spawn(len(starts))
+
+    def one(rng: Generator, cells: UInt8Array) -> UInt8Array:
+        state = model.start(cells)
+        model.forget(rng, state, FORGETTING_LOG_ODDS, FORGETTING_SWEEPS, only)
+        return state.cells
+
+    with ThreadPoolExecutor(len(starts)) as pool:
+        return list(pool.map(one, rngs, starts))
+
+
+def over_dispersed_starts(
+    kind: str,
+    n_chains: int,
+    live: UInt8Array,
+    prior: float,
+    seed: int,
+    free: BoolArray,
+) -> list[UInt8Array]:
+    """Return a map (K,) per chain to start from; `live` is the thresholded live map.
+
+    `dispersed` takes live, occupied, free and a draw from the prior in turn, but for the cells
+    that are `free` (K,) in the live map: the two extremes disagree about everything else, so
+    chains that agree afterwards have forgotten their start. Were the free cells occupied, too,
+    a ray would end in front of its sensor, where every next cell is as unlikely as the last: a
+    solid block wears off from its rim only (Intel, a tenth of the scans, `beam`: half of it was
+    still there after 400 sweeps).
+    """
+    rng = np.random.default_rng([seed, 1])
+
+    def one(name: str) -> UInt8Array:
+        if name == 'live':
+            return live.copy()
+        if name == 'prior':
+            cells = (rng.random(live.size) < prior).astype(np.uint8)
+        else:
+            cells = np.full(live.size, name == 'occupied', np.uint8)
+        if kind == 'dispersed':
+            cells[free] = 0
+        return cells
+
+    turns = ('live', 'occupied', 'free', 'prior') if kind == 'dispersed' else (kind,)
+    return [one(turns[j % len(turns)]) for j in range(n_chains)]
