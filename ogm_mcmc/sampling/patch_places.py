@@ -41,6 +41,7 @@ __all__ = [
     'DULL_TURNS',
     'PatchPlaces',
     'focused',
+    'parts_of_turn',
     'patch_places',
     'places_among',
     'told_cells',
@@ -56,7 +57,7 @@ class PatchPlaces(NamedTuple):
     `touched` (C,): the cells that are in a patch, in rising order; `corners` (P,): all patches.
     `active`, `dull`: by offset of the tiling, row by row, patches side by side of which every one
     is drawn in a sweep, and those of which one in `DULL_TURNS` is. `doubted` (K,) uint8: cells
-    that are drawn whenever their patch is, the others of such a patch seldom; None: all alike.
+    that are drawn whenever their active patch is, its others seldom; None: all alike.
     """
 
     touched: AnyArray
@@ -151,11 +152,15 @@ def focused(places: PatchPlaces, in_doubt: BoolArray, side: int) -> PatchPlaces:
 
 def turn(rng: Generator, places: PatchPlaces) -> AnyArray:
     """Return the patches (P,) int32 of one sweep, in turn: whatever the map is, these chances."""
+    active, dull = parts_of_turn(rng, places)
+    return np.concatenate((active, dull)) if dull.size else active
+
+
+def parts_of_turn(rng: Generator, places: PatchPlaces) -> tuple[AnyArray, AnyArray]:
+    """Return those of `turn` that are active, and the dull ones that come after them."""
     offset = int(rng.integers(0, len(places.active)))
     active, dull = places.active[offset], places.dull[offset]
-    if dull.size == 0:
-        return active
-    return np.concatenate((active, dull[rng.integers(0, DULL_TURNS) :: DULL_TURNS]))
+    return active, dull[rng.integers(0, DULL_TURNS) :: DULL_TURNS] if dull.size else dull
 
 
 def _whole(cells: BoolArray, side: int) -> BoolArray:

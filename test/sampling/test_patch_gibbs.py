@@ -383,7 +383,7 @@ def test_patches_and_cells_find_the_exact_marginals():
         (PatchModel(index, 7, patches), 20_000),
         (PatchModel(index, 7, patches, order='random'), 20_000),
         (PatchModel(index, 7, single), 5_000),
-        (by_cells, 60_000),
+        (by_cells, 40_000),
     ):
         chains = PosteriorSampler(sampler, [np.zeros(49, np.uint8)] * 2, seed=3, burn_in=50)
         chains.advance(50 + n_sweeps)
