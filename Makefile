@@ -64,7 +64,7 @@ SEED ?= 1
 
 fuzz: $(READY)
 	OGM_MCMC_FUZZ_COUNT=$(COUNT) OGM_MCMC_FUZZ_SEED=$(SEED) $(PY) -m pytest $(WORKERS) \
-		test/engine/test_mutated_messages.py test/io/test_damaged_files.py
+		test/engine/test_mutated_messages.py test/io/test_damaged_files.py test/io/test_damaged_texts.py
 
 lint: $(READY)
 	$(VENV)/bin/ruff check .

@@ -11,7 +11,7 @@ from ogm_mcmc.arrays import Float64Array
 from ogm_mcmc.cli.evaluate_answer import Answer
 from ogm_mcmc.config import CollisionConfig, flatten
 from ogm_mcmc.evaluation import collision_risk
-from ogm_mcmc.files.input_files import file_to_read
+from ogm_mcmc.files.input_files import text_of
 from ogm_mcmc.geometry import SampleBits
 from ogm_mcmc.io.point_files import read_points
 from ogm_mcmc.io.sample_files import load_samples
@@ -27,8 +27,7 @@ def read_way(path: Path) -> Float64Array:
     Raises PointsError or PoseError with the line at fault.
     """
     try:
-        with file_to_read(path) as stream:
-            lines = stream.read().decode('utf-8-sig').splitlines()
+        lines = text_of(path).splitlines()
     except (OSError, ValueError):
         lines = []  # the reader says what is wrong
     said = (line.partition('#')[0].replace(',', ' ').replace(';', ' ').split() for line in lines)

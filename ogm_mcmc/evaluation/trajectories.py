@@ -16,6 +16,7 @@ import numpy as np
 
 from ogm_mcmc.arrays import AnyArray, Float64Array, Int64Array
 from ogm_mcmc.errors import GridError, LogError
+from ogm_mcmc.files.input_files import reason_of, text_of
 
 __all__ = [
     'PoseErrors',
@@ -120,11 +121,16 @@ def read_relations(path: Path, stamps_s: AnyArray, tolerance_s: float = 1e-3) ->
     nothing is interpolated. Raises LogError for anything else.
     """
     try:
-        rows = np.loadtxt(path, ndmin=2)
+        lines = [line for line in text_of(path).splitlines() if line.partition('#')[0].strip()]
+        rows = np.loadtxt(lines, ndmin=2) if lines else np.empty((0, 8))
     except (OSError, ValueError) as error:
-        raise LogError(f'{path}: expected lines of eight numbers ({error})') from error
+        reason = reason_of(error)
+        raise LogError(f'{path}: expected lines of eight numbers ({reason})') from error
     if rows.shape[1] != 8:
         raise LogError(f'{path}: {rows.shape[1]} numbers in a line: expected 8')
+    odd = np.flatnonzero(~np.isfinite(rows).all(1))
+    if odd.size:
+        raise LogError(f'{path}: relation {odd[0] + 1}: expected finite numbers')
     stamps = np.asarray(stamps_s, np.float64)
     order = np.argsort(stamps, kind='stable')
     ends = [_nearest(stamps[order], rows[:, side]) for side in (0, 1)]

@@ -9,7 +9,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
 
-__all__ = ['file_to_read', 'reason_of']
+__all__ = ['file_to_read', 'reason_of', 'text_of']
+
+# Bytes: more than an hour of poses a millisecond apart.
+LARGEST_TEXT = 500_000_000
 
 
 @contextlib.contextmanager
@@ -21,6 +24,15 @@ def file_to_read(path: Path) -> Iterator[BinaryIO]:
         if not stat.S_ISREG(os.fstat(handle).st_mode):
             raise ValueError('a folder, pipe or device: expected a regular file')
         yield stream
+
+
+def text_of(path: Path, encoding: str = 'utf-8-sig', most: int = LARGEST_TEXT) -> str:
+    """Return what a regular file of at most so many bytes says; raises OSError or ValueError."""
+    with file_to_read(path) as stream:
+        content = stream.read(most + 1)
+    if len(content) > most:
+        raise ValueError(f'it is too large: expected at most {most} bytes')
+    return content.decode(encoding)
 
 
 def reason_of(error: BaseException) -> str:

@@ -27,6 +27,7 @@ from pathlib import Path
 import yaml
 
 from ogm_mcmc.errors import OutputError
+from ogm_mcmc.files.input_files import text_of
 from ogm_mcmc.files.user_paths import possible_path
 from ogm_mcmc.files.yaml_files import parse_yaml
 
@@ -45,6 +46,9 @@ __all__ = [
 
 # Bytes; a file name may have 255, and endings such as _trajectory_deviations.csv come on top.
 LONGEST_NAME = 200
+
+# Bytes; the YAML of a map has some hundreds.
+LARGEST_YAML = 1_000_000
 
 LEFTOVER = re.compile(r'\.ogm_mcmc-(?P<host>[A-Za-z0-9_]*)-(?P<pid>[0-9]+)-[A-Za-z0-9_]+')
 
@@ -73,7 +77,7 @@ def replacing_set(folder: Path, name: str, without: Sequence[str] = ()) -> Itera
     Raises OutputError; a failure before the first file is in its place leaves all as it was.
     """
     checked_name(name)
-    with _said(folder), scratch_folder(writable_folder(folder)) as scratch:
+    with _said(folder), folder_to_fill(folder), scratch_folder(folder) as scratch:
         yield scratch
         made = sorted(path.name for path in scratch.iterdir())
         for one in made:
@@ -125,7 +129,7 @@ def _dumped(fields: dict[str, object]) -> str:
 def _image_of(path: Path) -> str | None:
     """Return which image a map YAML names; None where it is none or cannot be read."""
     try:
-        fields = parse_yaml(path.read_text(encoding='utf-8'))
+        fields = parse_yaml(text_of(path, 'utf-8', LARGEST_YAML))  # a pipe there would hang
     except (OSError, ValueError):
         return None
     return str(fields['image']) if isinstance(fields, dict) and 'image' in fields else None

@@ -14,6 +14,7 @@ from typing import Any
 import yaml
 
 from ogm_mcmc.errors import BagError
+from ogm_mcmc.files.input_files import file_to_read, text_of
 
 if sys.version_info >= (3, 14):
     from compression import zstd
@@ -43,13 +44,19 @@ SUFFIXES = ('.mcap', '.db3', '.bag', '.zstd')
 # Real metadata of thousands of files and topics stays far below.
 LARGEST_YAML = 8_000_000
 
+# Bytes of a message unpacked; a camera's picture has some ten millions.
+LARGEST_MESSAGE = 200_000_000
+
 Loader: Any = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
 
 
 def kind_of(path: Path) -> str:
     """Return mcap, sqlite3, ros1 or zstd, from the first bytes. Raises BagError for all else."""
-    with path.open('rb') as file:
-        start = file.read(16)
+    try:
+        with file_to_read(path) as file:
+            start = file.read(16)
+    except ValueError as error:
+        raise BagError(f'{path}: {error}') from error
     for magic, kind in MAGIC.items():
         if start.startswith(magic):
             return kind
@@ -71,7 +78,13 @@ def is_recording(path: Path) -> bool:
 def unpacked(raw: bytes) -> bytes:
     """Return a stored rosbag2 message, decompressed if it was compressed one by one."""
     # No serialized message begins like this: CDR starts with 0, 0 to 11.
-    return zstd.decompress(raw) if raw.startswith(b'\x28\xb5\x2f\xfd') else raw
+    if not raw.startswith(b'\x28\xb5\x2f\xfd'):
+        return raw
+    reader = zstd.ZstdDecompressor()
+    message: bytes = reader.decompress(raw, LARGEST_MESSAGE)
+    if not reader.eof:
+        raise BagError(f'a message is cut off, or more than {LARGEST_MESSAGE} bytes unpacked')
+    return message
 
 
 def unpack_file(path: Path, folder: Path) -> Path:
@@ -133,7 +146,7 @@ def storage_files(path: Path) -> list[Path]:
 def stored_note(path: Path, key: str) -> str:
     """Return a remark kept in the metadata of a rosbag2 folder; '' where there is none."""
     try:
-        text = (path / 'metadata.yaml').read_text(encoding='utf-8')
+        text = text_of(path / 'metadata.yaml', 'utf-8', LARGEST_YAML)
         kept = plain_yaml(text)['rosbag2_bagfile_information']['custom_data']
         return str(kept.get(key, ''))
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
@@ -146,9 +159,9 @@ def _listed(metadata: Path, there: list[Path]) -> list[Path]:
         if metadata.stat().st_size > LARGEST_YAML:
             raise ValueError(f'{metadata.stat().st_size} bytes: at most {LARGEST_YAML}')
         # A recording of the same names from another place: only the names of files count.
-        names = plain_yaml(metadata.read_text(encoding='utf-8'))['rosbag2_bagfile_information'][
-            'relative_file_paths'
-        ]
+        names = plain_yaml(text_of(metadata, 'utf-8', LARGEST_YAML))[
+            'rosbag2_bagfile_information'
+        ]['relative_file_paths']
         if not names or not isinstance(names, list):
             raise ValueError('relative_file_paths names no file')
         return [metadata.parent / PurePosixPath(str(name)).name for name in names]

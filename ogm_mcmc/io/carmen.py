@@ -21,6 +21,7 @@ import numpy as np
 
 from ogm_mcmc.arrays import Float64Array
 from ogm_mcmc.errors import LogError, PoseError
+from ogm_mcmc.files.input_files import file_to_read, reason_of
 from ogm_mcmc.geometry import PoseSamples
 from ogm_mcmc.io.carmen_lines import LineParser, LogOdometry, LogScan, fault
 from ogm_mcmc.io.carmen_raw import RawLines, place_raw_scans
@@ -82,16 +83,18 @@ def read_carmen(path: Path, field_of_view_rad: float = 0.0) -> CarmenLog:
     log = CarmenLog(path)
     reader = _LineReader(log, field_of_view_rad)
     try:
-        with path.open('rb') as raw:
+        with file_to_read(path) as raw:
             packed = raw.read(2) == b'\x1f\x8b'
-        with gzip.open(path, 'rb') if packed else path.open('rb') as stream:
-            for number, line in enumerate(_lines(cast(BinaryIO, stream)), start=1):
+            raw.seek(0)
+            stream = cast(BinaryIO, gzip.GzipFile(fileobj=raw)) if packed else raw
+            for number, line in enumerate(_lines(stream), start=1):
                 reader.take(number, line)
     except EOFError:
         log.cut = 'the gzip stream ends too early'
-    except (OSError, zlib.error) as error:
-        reason = getattr(error, 'strerror', None) or error
-        raise LogError(f'{path}: expected a readable log ({reason})') from error
+    except LogError:
+        raise
+    except (OSError, ValueError, zlib.error) as error:
+        raise LogError(f'{path}: expected a readable log ({reason_of(error)})') from error
     reader.finish()
     return log
 

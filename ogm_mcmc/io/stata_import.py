@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ogm_mcmc.errors import BagError, ConfigError, LogError, PoseError, ScanError
+from ogm_mcmc.files.input_files import reason_of, text_of
 from ogm_mcmc.geometry import Pose2D, Scan
 from ogm_mcmc.io import messages, ros_types
 from ogm_mcmc.io.bags import BagReader, BagRecord, BagWriter
@@ -83,9 +84,10 @@ class StataSummary:
 def read_pose_file(path: Path) -> list[TimedPose]:
     """Read a `.gt.laser.poses` file, in the order of its lines. Raises LogError with the line."""
     try:
-        lines = path.read_text(encoding='ascii').splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, 'strerror', None) or 'not plain text'
+        lines = text_of(path, 'ascii').splitlines()
+    except (OSError, ValueError) as error:
+        plain = not isinstance(error, UnicodeDecodeError)
+        reason = reason_of(error) if plain else 'not plain text'
         raise LogError(f'{path}: expected a readable pose file ({reason})') from error
     poses = []
     for number, line in enumerate(lines, start=1):

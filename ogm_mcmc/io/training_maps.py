@@ -7,6 +7,7 @@ a CSV with at least the columns `file` and `resolution_m`, else from the caller.
 from __future__ import annotations
 
 import csv
+import io
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,6 +17,7 @@ import numpy as np
 from ogm_mcmc.arrays import Float32Array, Int8Array
 from ogm_mcmc.errors import MapFileError, PriorError
 from ogm_mcmc.files.image_files import MOST_PIXELS, read_greys
+from ogm_mcmc.files.input_files import reason_of, text_of
 from ogm_mcmc.io.map_images import load_map, probability_of_greys
 
 __all__ = ['MapSource', 'TrainingMap', 'read_sources', 'read_training_map']
@@ -48,10 +50,9 @@ class TrainingMap:
 def read_sources(path: Path) -> dict[str, MapSource]:
     """Read a list of sources by file name; raises PriorError with line and field."""
     try:
-        with path.open(encoding='utf-8', newline='') as stream:
-            rows = list(csv.DictReader(stream))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        reason = getattr(error, 'strerror', None) or error
+        rows = list(csv.DictReader(io.StringIO(text_of(path, 'utf-8'), newline='')))
+    except (OSError, ValueError, csv.Error) as error:
+        reason = reason_of(error)
         raise PriorError(f'{path}: expected a readable CSV of sources ({reason})') from error
     sources = {}
     for line, row in enumerate(rows, 2):

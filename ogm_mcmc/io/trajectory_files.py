@@ -16,7 +16,6 @@ begin with # are comments. The first other line decides the format.
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable, Iterable, Iterator
 from decimal import Decimal, InvalidOperation
 from itertools import pairwise
@@ -26,7 +25,9 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from ogm_mcmc.arrays import Int64Array
-from ogm_mcmc.errors import OutputError, PoseError
+from ogm_mcmc.errors import PoseError
+from ogm_mcmc.files.input_files import reason_of, text_of
+from ogm_mcmc.files.output_files import replacing
 from ogm_mcmc.geometry import Pose2D, pose_from_quaternion
 
 __all__ = ['Trajectory', 'read_trajectory', 'write_tum']
@@ -97,26 +98,23 @@ def write_tum(path: Path, stamps_ns: Iterable[int], poses: Iterable[Pose2D]) -> 
         half = 0.5 * pose.yaw_rad
         numbers = (pose.x_m, pose.y_m, 0.0, 0.0, 0.0, math.sin(half), math.cos(half))
         rows.append(f'{_seconds(int(stamp_ns))} {" ".join(map(repr, map(float, numbers)))}\n')
-    partial = path.with_name(f'.{path.name}-{os.getpid()}')
-    try:
+    with replacing(path) as partial:
         partial.write_text(''.join(['# timestamp x y z qx qy qz qw\n', *rows]))
-        partial.replace(path)
-    except OSError as error:
-        partial.unlink(missing_ok=True)
-        raise OutputError(f'{path}: cannot be written ({error.strerror})') from error
 
 
 def _lines(path: Path) -> Iterator[_Line]:
     try:
-        text = path.read_text(encoding='utf-8-sig')
-    except OSError as error:
-        raise PoseError(f'{path}: cannot be read ({error.strerror})') from error
+        text = text_of(path)
     except UnicodeDecodeError as error:
         raise PoseError(f'{path}: not a text file: expected a trajectory') from error
+    except (OSError, ValueError) as error:
+        raise PoseError(f'{path}: cannot be read ({reason_of(error)})') from error
     for number, line in enumerate(text.splitlines(), 1):
         said = line.strip()
         if said and not said.startswith('#'):
             words = said.replace(',', ' ').split()
+            if not words:
+                raise PoseError(f'{path}: line {number}: only commas: expected numbers')
             yield _Line(number, words, ',' in said)
 
 

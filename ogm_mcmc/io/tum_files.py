@@ -13,6 +13,7 @@ import numpy as np
 
 from ogm_mcmc.arrays import Float64Array
 from ogm_mcmc.errors import PoseError
+from ogm_mcmc.files.input_files import reason_of, text_of
 from ogm_mcmc.files.output_files import replacing
 from ogm_mcmc.geometry import PoseBelief
 from ogm_mcmc.io.trajectory_files import write_tum
@@ -58,9 +59,11 @@ def read_deviations(path: Path, count: int) -> Float64Array | None:
     if not beside.exists():
         return None
     try:
-        rows = np.loadtxt(beside, delimiter=',', skiprows=1, ndmin=2)
+        lines = text_of(beside).splitlines()[1:]
+        rows = np.loadtxt(lines, delimiter=',', ndmin=2) if lines else np.empty((0, 4))
     except (OSError, ValueError) as error:
-        raise PoseError(f'{beside}: expected lines of four numbers ({error})') from error
+        reason = reason_of(error)
+        raise PoseError(f'{beside}: expected lines of four numbers ({reason})') from error
     if rows.shape != (count, 4):
         raise PoseError(f'{beside}: expected a line of four numbers for each of {count} poses')
     if not np.isfinite(rows).all() or (rows[:, 1:] < 0.0).any():

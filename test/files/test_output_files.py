@@ -1,6 +1,7 @@
 """Files and sets of files that are replaced as a whole, whenever the process is killed."""
 
 import contextlib
+import errno
 import json
 import os
 import platform
@@ -259,6 +260,16 @@ def test_a_set_of_other_files_and_those_that_are_not_of_it(tmp_path):
         (scratch / 'map.npz').write_text('new')
     assert sorted(path.name for path in tmp_path.iterdir()) == ['map.npz', 'other.yaml']
     assert (tmp_path / 'map.npz').read_text() == 'new'
+
+
+def test_a_folder_made_for_a_set_that_fails_goes_again(tmp_path):
+    folder = tmp_path / 'new' / 'maps'
+    with pytest.raises(OutputError, match='No space left'), replacing_set(folder, 'map'):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    assert list(tmp_path.iterdir()) == []
+    with replacing_set(folder, 'map') as scratch:
+        (scratch / 'map.npz').write_text('new')
+    assert [path.name for path in folder.iterdir()] == ['map.npz']
 
 
 def test_a_set_that_fails_leaves_all_as_it_was(tmp_path):
