@@ -15,8 +15,10 @@ from ogm_mcmc.engine.odometry import (
     wheel_moves,
 )
 from ogm_mcmc.engine.pose_choice import TF, PoseCandidate, PoseChoice, RankedPoses
+from ogm_mcmc.engine.tf_poses import TfPoses
 from ogm_mcmc.engine.transform_tree import TransformTree
 from ogm_mcmc.geometry import PlacedScan, Pose2D, PoseBelief, Scan
+from ogm_mcmc.geometry.rigid_transform import RigidTransform, StampedTransform
 from ogm_mcmc.io import ros_types
 from ogm_mcmc.io.bags import BagReader
 
@@ -92,7 +94,18 @@ def test_a_track_keeps_what_was_wanted_when_it_is_known():
 
 
 def test_the_frame_of_odometry_is_the_nearest_above_the_base():
-    assert odometry_frame(TransformTree(), 'base_link') == ''
+    tree = TransformTree()
+    assert odometry_frame(tree, 'base_link') == ''
+    for k in range(3):
+        here = RigidTransform((0.1 * k, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+        for parent, child in (('map', 'rig/odom'), ('rig/odom', 'base_link')):
+            tree.add(StampedTransform(parent, child, k * SECOND, here))
+    assert odometry_frame(tree, 'base_link') == 'rig/odom'
+    track = OdometryTrack(TfPoses(tree, 'rig/odom', 'base_link'))
+    track.want(SECOND + SECOND // 2)
+    track.want(9 * SECOND)  # it may still come
+    assert track.at(SECOND + SECOND // 2).x_m == pytest.approx(0.15)
+    assert len(track) == 1
 
 
 @pytest.mark.parametrize('used', [True, False])

@@ -7,7 +7,6 @@ pytest.importorskip('rclpy', reason='rclpy is not installed: no ROS tests')
 from rclpy.parameter import Parameter
 from support.local_ros import local_node, odometry, pose, scan
 
-from ogm_mcmc.geometry import Pose2D
 from ogm_mcmc.ros.refine_server import RefineServer
 
 pytestmark = [pytest.mark.ros]
@@ -43,6 +42,6 @@ def test_odometry_is_kept_at_scans_where_joint_poses_want_it(monkeypatch, chosen
         expected = {'scans with odometry': 3} if heard else {}
         assert node.odometry.values() == expected
         if heard:
-            assert node.odometry.at(2_000_000_000) == pytest.approx(Pose2D(0.38))
+            assert node.odometry.at(2_000_000_000).x_m == pytest.approx(0.38)
             node.odometry.clear()
             assert node.odometry.at(2_000_000_000) is None
