@@ -13,7 +13,7 @@ sonars (`SonarRing`), each of which hears the nearest wall in its cone.
 """
 
 from ogm_mcmc.simulation.driving import DrivenScan, Driving, Nodes, drive, tour_of
-from ogm_mcmc.simulation.exploration import Choice, Exploration, Stop, explore
+from ogm_mcmc.simulation.exploration import Choice, Exploration, Stop, explore, seen_from
 from ogm_mcmc.simulation.floor_plans import FLOOR_PLANS, generate_floor
 from ogm_mcmc.simulation.grid_world import GridWorld
 from ogm_mcmc.simulation.lidar import Lidar, true_ranges
@@ -66,6 +66,7 @@ __all__ = [
     'record_exploration_with_sonars',
     'record_localized',
     'record_with_sonars',
+    'seen_from',
     'tour_of',
     'true_ranges',
     'walk',

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ogm_mcmc.arrays import AnyArray, Float64Array
+from ogm_mcmc.arrays import AnyArray, BoolArray, Float64Array
 from ogm_mcmc.errors import ConfigError, require
 from ogm_mcmc.geometry import Pose2D
 from ogm_mcmc.simulation.grid_world import GridWorld
@@ -188,6 +188,15 @@ def explore(
             goal = knowledge.somewhere(column, row, rng)
         way = knowledge.way_to(goal)
         column, row = goal
+
+
+def seen_from(world: GridWorld, settings: Exploration, places: Float64Array) -> BoolArray:
+    """Return which free cells (height, width) can be seen from places (N, 2): x, y in cells."""
+    knowledge = _Knowledge(world, settings)
+    for x, y in places:
+        knowledge.look(x, y)
+    seen: BoolArray = knowledge.known == FREE
+    return seen
 
 
 def _pose_at(world: GridWorld, x: float, y: float, yaw: float) -> Pose2D:

@@ -8,6 +8,9 @@ map: it is the explorer of `ogm_mcmc.simulation.exploration`, which goes to bord
 
 Whatever led the robot, what it measured is judged by the same maps: area covered and F1 at
 0.5 of the traditional map of its scans after so many metres, F1 of the border map at the end.
+Area covered is of cells that a beam crossed. With few beams it grows wherever the robot scans
+again, also in a room that a map has inferred, so space seen is counted as well: free cells that
+an ideal lidar of the same reach sees from the same stops.
 """
 
 from __future__ import annotations
@@ -44,7 +47,7 @@ from ogm_mcmc.lab.experiments.exploration_views import (
 )
 from ogm_mcmc.lab.experiments.results import row, save_picture
 from ogm_mcmc.plotting import Series, curves_png
-from ogm_mcmc.simulation import Exploration, GridWorld, Lidar, explore, generate_floor
+from ogm_mcmc.simulation import Exploration, GridWorld, Lidar, explore, generate_floor, seen_from
 
 __all__ = ['run', 'score']
 
@@ -56,7 +59,11 @@ METRES = (10.0, 20.0, 40.0, 80.0)
 LIDAR = Lidar(90, range_min_m=0.0, range_max_m=7.5, noise_m=0.1, clutter=0.02)
 MODEL = ForwardModelConfig(sigma=0.1, clutter=0.02, missing=0.01)
 
-MEASURES = {'area_m2': 'area covered, m2', 'f1': 'F1 at 0.5, traditional map'}
+MEASURES = {
+    'area_m2': 'area covered, m2',
+    'seen_m2': 'space seen, m2',
+    'f1': 'F1 at 0.5, traditional map',
+}
 AT_END = {'border_f1': 'F1 at 0.5, border map', 'stops': 'stops'}
 
 NOTES = [
@@ -133,6 +140,7 @@ def score(building: int, number: int, policy: str, seed: int) -> dict[str, Any]:
         live = map_of(so_far, MapperConfig(resolution=world.spec.resolution_m))
         area = np.count_nonzero(np.isfinite(live.probability)) * world.spec.resolution_m**2
         found['area_m2'].append(float(area))
+        found['seen_m2'].append(_seen_m2(so_far, world))
         found['f1'].append(_f1(live, world))
     ended = border_map(scans, MODEL, world.spec.resolution_m, seed)
     return {
@@ -159,6 +167,14 @@ def _explored(world: GridWorld, policy: str, seed: Sequence[int]) -> Iterator[Vi
         placed = PlacedScan.at(LIDAR.scan(LIDAR.observe(exact, scan_rng), 0), stop.pose)
         explorer.take(placed)
         yield Visited(placed, driven)
+
+
+def _seen_m2(scans: Sequence[PlacedScan], world: GridWorld) -> float:
+    """Return the space that an ideal lidar sees from where these scans were taken."""
+    places = world.spec.in_cells(np.array([(one.pose.x_m, one.pose.y_m) for one in scans]))
+    settings = Exploration(reach=LIDAR.range_max_m / world.spec.resolution_m)
+    seen = np.count_nonzero(seen_from(world, settings, places))
+    return float(seen * world.spec.resolution_m**2)
 
 
 def _f1(grid_map: GridMap, world: GridWorld) -> float:

@@ -69,6 +69,7 @@ def test_differences_are_paired():
         policy: [
             {
                 'area_m2': [base + k] * 4,
+                'seen_m2': [base] * 4,
                 'f1': [0.5] * 4,
                 'border_f1': 0.5,
                 'stops': 3,
@@ -90,8 +91,19 @@ def test_a_robot_that_covers_more_the_further_it_goes(monkeypatch):
     found = exploration.score(10, 1, SAMPLES, 1)
     assert found == exploration.score(10, 1, SAMPLES, 1)
     assert 0.0 < found['area_m2'][0] <= found['area_m2'][1]
+    assert 0.0 < found['seen_m2'][0] <= found['seen_m2'][1]
     assert found['driven_m'] <= 8.0
     assert found['stops'] >= 2
+
+
+def test_space_seen_grows_with_rooms_not_with_scans(rooms):
+    """Whoever stands in the first room sees its 30 x 30 free cells, however often."""
+    empty = LIDAR.scan(LIDAR.observe(np.full(180, 7.5), np.random.default_rng(1)), 0)
+    once = [PlacedScan.at(empty, Pose2D(1.5, 1.5, 0.0))]
+    assert exploration._seen_m2(once, rooms) == pytest.approx(9.0)
+    assert exploration._seen_m2(once * 3, rooms) == pytest.approx(9.0)
+    there = PlacedScan.at(empty, Pose2D(4.7, 1.5, 0.0))
+    assert exploration._seen_m2([*once, there], rooms) == pytest.approx(18.0)
 
 
 def test_f1_takes_what_was_never_measured_as_free(rooms):
