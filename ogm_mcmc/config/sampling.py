@@ -132,7 +132,11 @@ class ChainConfig:
         choices=('given', 'fitted'),
     )
     burn_in: int = setting(
-        50, 'number of sweeps of each chain that are not counted', low=0, high=10**9
+        50,
+        'number of sweeps of each chain that are not counted; 10 at most for chains that go on '
+        'with up to a tenth of new scans',
+        low=0,
+        high=10**9,
     )
     seed: int = setting(1, 'seed of the chains', low=0, high=2**63 - 1)
 

@@ -59,6 +59,9 @@ __all__ = [
 # Judging chains takes a look at every batch of every cell: at most this share of the time.
 JUDGING_SHARE = 0.1
 
+# So many sweeps at most are not counted where settled chains go on with up to a tenth new scans.
+WARM_BURN_IN = 10
+
 # The setting of a saved state that holds what was found of the beams.
 FOUND = 'found'
 
@@ -205,7 +208,10 @@ class Refinement:
             starts = fresh
             if self._table is not None:
                 starts = forgotten(model, starts, chain.seed, only)
-        sampler = PosteriorSampler(model, starts, seed=chain.seed, burn_in=chain.burn_in)
+        burn_in, few = chain.burn_in, 10 * (len(scans) - len(self._taken)) <= len(scans)
+        if few and self.sampler and self.sampler.counted and start is None and moved is None:
+            burn_in = min(burn_in, WARM_BURN_IN)
+        sampler = PosteriorSampler(model, starts, seed=chain.seed, burn_in=burn_in)
         if self.sampler is not None:
             # From the seed, chains would repeat the numbers that brought them where they are. The
             # generators are in a saved state, too: chains taken up again draw the same from here.

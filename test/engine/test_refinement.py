@@ -676,3 +676,25 @@ def test_chains_begin_anew_where_scans_were_placed_anew_and_go_on_elsewhere(patc
         # Patches forget their start by draws, here of fewer cells.
         share = np.mean(is_now[:, middle:] != begins[:, middle:])
         assert share <= (0.0 if patch.size == 1 else 0.1)
+
+
+def test_chains_that_go_on_with_a_few_more_scans_count_soon():
+    """Once their burn-in is behind them; not where scans moved, nor from a map that is given."""
+    many = [FIRST] * 9
+    refinement = taken(*many, burn_in=30)
+
+    def burn_in_with(scans, start=None):
+        refinement.take(scans, start)
+        return refinement.sampler.burn_in
+
+    assert burn_in_with([*many, SECOND]) == 30  # none was counted yet
+    run(refinement, max_sweeps=31)
+    assert burn_in_with([*many, SECOND, THIRD]) == 10
+    run(refinement, max_sweeps=31)
+    assert burn_in_with([*many, SECOND, THIRD, SECOND, THIRD]) == 30  # more than a few
+    run(refinement, max_sweeps=31)
+    assert burn_in_with(many, refinement.map()) == 30
+    run(refinement, max_sweeps=31)
+    assert burn_in_with(many[:5]) == 10
+    run(refinement, max_sweeps=31)
+    assert burn_in_with([PlacedScan(FIRST.scan, PoseBelief(Pose2D(0.7, -0.4)))] * 5) == 30
