@@ -29,13 +29,13 @@ def test_values_and_plain_text():
     [
         (BILLION_LAUGHS, "anchor or alias 'a': expected none"),
         ('a: *b', "anchor or alias 'b'"),
-        ('[' * 100_000, 'nested more than 32 levels'),
-        ('a: ' + '{a: ' * 40 + '1' + '}' * 40, 'nested more than 32 levels'),
-        ('- ' * 5000 + 'a', 'nested more than 32 levels'),
+        ('[' * 100_000, 'nested more than 32 levels|nesting depth'),
+        ('a: ' + '{a: ' * 40 + '1' + '}' * 40, 'nested more than 32 levels|nesting depth'),
+        ('- ' * 5000 + 'a', 'nested more than 32 levels|nesting depth'),
         ('x' * (1 << 21), 'expected at most'),
-        ('a: b: c', 'not allowed here'),
+        ('a: b: c', 'not allowed (here|in)'),
         ('a: !!python/object:os.system x', None),
-        ('\0', 'special characters are not allowed'),
+        ('\0', '(special|control) characters are not allowed'),
     ],
 )
 def test_what_is_refused(text, reason, typed):
