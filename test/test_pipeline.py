@@ -7,7 +7,13 @@ import pytest
 from support import pictures
 from support.strategies import fan
 
-from ogm_mcmc.config import MapperConfig, OutputConfig, StepModelConfig, settings_of
+from ogm_mcmc.config import (
+    MapperConfig,
+    OutputConfig,
+    PoseUncertainConfig,
+    StepModelConfig,
+    settings_of,
+)
 from ogm_mcmc.engine.live_map import warm_up_mapping
 from ogm_mcmc.engine.map_view import MAX_STALE_BOXES, MapView
 from ogm_mcmc.errors import ConfigError, GridError
@@ -29,6 +35,7 @@ from ogm_mcmc.mapping.quadtree_counting_kernels import count_seen
 from ogm_mcmc.mapping.sonar_kernels import add_cone
 from ogm_mcmc.mapping.two_assumption_kernels import fuse_per_beam, fuse_per_scan
 from ogm_mcmc.pipeline import MappingPipeline
+from ogm_mcmc.sensors import ProbabilityBeams
 
 KINDS = [
     ('', OutputConfig()),
@@ -374,6 +381,20 @@ def test_nothing_is_compiled_after_warm_up(method, fusion, kernel):
     mount = SensorMount(Pose2D(0.1, 0.2, 0.3))
     MappingPipeline(config).update(PlacedScan.on_robot(sweep(1), belief, mount))
     assert kernel.signatures == compiled
+
+
+@pytest.mark.parametrize('method', ['pose_uncertain', 'adaptive'])
+def test_warm_up_weighs_poses_by_the_map(method, monkeypatch):
+    weighed = []
+    real = ProbabilityBeams.log_likelihoods
+
+    def watched(self, poses, *beams):
+        weighed.append(len(poses))
+        return real(self, poses, *beams)
+
+    monkeypatch.setattr(ProbabilityBeams, 'log_likelihoods', watched)
+    warm_up_mapping(MapperConfig(method=method, pose_uncertain=PoseUncertainConfig(map_beams=5.0)))
+    assert weighed == [100]
 
 
 # -- settings that change while the map grows ---------------------------------------------------

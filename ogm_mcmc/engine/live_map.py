@@ -108,9 +108,12 @@ def warm_up_mapping(config: MapperConfig, *, together: bool = False) -> int:
     )
     pose = Pose2D(3.5 * config.resolution, 3.5 * config.resolution)
     if config.method != 'two_assumption':
-        # An uncertain pose may take other kernels than a known one.
+        # An uncertain pose may take other kernels than a known one, and a second scan, which may
+        # be looked at in the map so far, others than the first.
         doubt = 1e-4 * config.resolution**2 * np.eye(3)
-        MappingPipeline(pipeline.config).update(PlacedScan(scan, PoseBelief(pose, doubt)))
+        doubtful = MappingPipeline(pipeline.config)
+        for _ in range(2):
+            doubtful.update(PlacedScan(scan, PoseBelief(pose, doubt)))
     pipeline.update(PlacedScan.at(scan, pose))
     if together:
         MappingPipeline(pipeline.config).update_all([PlacedScan.at(scan, pose)])

@@ -11,6 +11,7 @@ import numpy as np
 from ogm_mcmc.geometry import GridMap, PlacedScan, Scan
 from ogm_mcmc.io.carmen import LogScan, read_carmen
 from ogm_mcmc.io.carmen_times import strictly_increasing
+from ogm_mcmc.io.gmapping import best_trajectory
 from ogm_mcmc.io.no_return import LaserRange, laser_range
 from ogm_mcmc.lab.experiments.mappers import FOR_EXACT_POSES, FOR_PARTICLES
 from ogm_mcmc.lab.experiments.pose_sim import CELL_M, FILTERS, localized
@@ -66,14 +67,20 @@ LOGS = {
 
 
 def log_contest(name: str) -> Contest:
-    """Read a log; its poses are those that its SLAM system came to."""
+    """Read a log; its poses are those that its SLAM system came to.
+
+    Those in the lines of a full GMapping log are raw odometry: there it is the trajectory of the
+    best particle.
+    """
     logged = read_carmen(LOGS[name].path()).scans
     first = [scan for scan in logged if scan.laser == logged[0].laser]
+    with_particles = first[0].particles is not None
+    poses = best_trajectory(first) if with_particles else [scan.laser_pose for scan in first]
     reach = laser_range(first)
     times = [scan.time_s for scan in first]
     order, stamps, _ = strictly_increasing(times, ['scan'] * len(first), REPEAT_STEP_S)
     placed = [
-        PlacedScan.at(_as_scan(first[k], reach, stamp_ns), first[k].laser_pose)
+        PlacedScan.at(_as_scan(first[k], reach, stamp_ns), poses[k])
         for k, stamp_ns in zip(order, stamps, strict=True)
     ]
     return Contest(placed, placed, None, 0.05, 'ignore', FOR_EXACT_POSES)

@@ -7,6 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ogm_mcmc.lab.experiments.mappers import WITH_JOINT_POSES
+
 __all__ = ['leaderboard_page']
 
 INTRODUCTION = """\
@@ -67,9 +69,13 @@ certain cell costs much, so it is for the mapper to say how sure it is.
 ## What was not run
 
 - Mappers of others: none is part of this table yet.
-- `sonar` needs ranges of sonars; `pose_uncertain` needs poses with doubt, which the logs do not
-  have.
-- Logs: their poses are those of the SLAM system that corrected them. Nobody has their truth.
+- With joint poses only {joint} are run.
+- Methods and priors have their defaults: no `fusion: per_beam`, no other sizes of patches, no
+  priors learned from maps of one's own, no `pose_uncertain.map_beams`.
+- `sonar` needs ranges of sonars; `pose_uncertain` needs poses with doubt, which are mapped in
+  buildings only (the particles of CSAIL: `experiment joint-csail`).
+- Logs: their poses are those of the SLAM system that corrected them; of CSAIL, the trajectory of
+  GMapping's best particle at the end. Nobody has their truth.
 """
 
 
@@ -83,7 +89,10 @@ class _Column(NamedTuple):
 
 
 def leaderboard_page(result: Mapping[str, Any]) -> str:
-    """Return the page of a result of `experiment leaderboard`, with its version and seed."""
+    """Return the page of a result of `experiment leaderboard`, with its version and seed.
+
+    `every` names the data sets and densities of a whole run, so that what is missing is told.
+    """
     entries: list[Mapping[str, Any]] = result['entries']
     parts = [INTRODUCTION.format(version=result['version'], seed=result['seed'])]
     names = list(dict.fromkeys(entry['data'] for entry in entries))
@@ -98,7 +107,21 @@ def leaderboard_page(result: Mapping[str, Any]) -> str:
         for percent in _percents(buildings):
             some = [entry for entry in buildings if entry['percent'] == percent]
             parts.append(f'### {percent} % of the beams\n\n{_building_table(some)}')
-    return '\n'.join([*parts, CLOSING])
+    joint = ' and '.join(f'`{name}`' for name in WITH_JOINT_POSES)
+    return '\n'.join([*parts, CLOSING.format(joint=joint) + _left_out(result, names)])
+
+
+def _left_out(result: Mapping[str, Any], names: Sequence[str]) -> str:
+    """Return a line for data sets and densities that this result lacks."""
+    every = result['every']
+    there = {(entry['data'], entry['percent']) for entry in result['entries']}
+    asked = [each for each in every['percents'] if each in {percent for _, percent in there}]
+    missing = [name for name in every['names'] if name not in names]
+    missing += [f'{each} % of the beams' for each in every['percents'] if each not in asked]
+    missing += [
+        f'{name} with {each} %' for name in names for each in asked if (name, each) not in there
+    ]
+    return f'- In this result: no {", no ".join(missing)}.\n' if missing else ''
 
 
 def _percents(entries: Iterable[Mapping[str, Any]]) -> list[int]:

@@ -1,10 +1,12 @@
 """The leaderboard: which beams map and judge, one small contest, and the page."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from ogm_mcmc import __version__
 from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.geometry import GridMap, GridSpec, PlacedScan, Pose2D, Scan
 from ogm_mcmc.lab.experiments import contests, leaderboard, mappers
@@ -80,6 +82,10 @@ def test_the_page_has_a_line_for_each_mapper_and_marks_the_best() -> None:
         {
             'version': '1',
             'seed': 3,
+            'every': {
+                'names': ['intel', 'csail', 'building-1', 'building-2'],
+                'percents': [100, 25, 5],
+            },
             'entries': [
                 entry('intel', 100, 'fixed', a=0.5, b=1.0),
                 entry('intel', 5, 'fixed', a=-0.25, b=-1.0),
@@ -96,6 +102,50 @@ def test_the_page_has_a_line_for_each_mapper_and_marks_the_best() -> None:
     assert any(line.startswith('| a | 1.500 | **0.500** |') for line in lines)  # the mean of two
     assert any(line.startswith('| b | **3.000** |') for line in lines)
     assert 'Means of 2 generated buildings' in page
+    missing = 'no csail, no 25 % of the beams, no building-1 with 100 %, no building-2 with 100 %'
+    assert lines[-1] == f'- In this result: {missing}.'
+    assert '- With joint poses only `two_assumption` and `sampled, border prior` are run.' in lines
+
+
+def test_the_page_in_the_docs_is_what_the_experiment_writes() -> None:
+    """But for the figures, and for what was left out: every line that is no row of a table."""
+    page = (Path(__file__).parents[3] / 'docs' / 'leaderboard.md').read_text()
+    names = [*contests.LOGS, *(f'building-{k}' for k in range(1, leaderboard.BUILDINGS + 1))]
+    percents = list(leaderboard.PERCENTS)
+    made = leaderboard_page(
+        {
+            'version': __version__,
+            'seed': 1,
+            'every': {'names': names, 'percents': percents},
+            'entries': [entry(name, p, 'fixed', a=0.5) for p in percents for name in names],
+        }
+    )
+
+    def told(text: str) -> list[str]:
+        return [line for line in text.splitlines() if not line.startswith(('|', '- In this'))]
+
+    assert told(page) == told(made)
+    for mapper in mappers.MAPPERS:
+        assert f'\n| {mapper} |' in page
+    for mapper in mappers.WITH_JOINT_POSES:
+        assert f'\n| {mapper}, joint poses |' in page
+
+
+def test_a_log_of_particles_is_placed_where_the_best_came_to(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """The pose in the line, 700 m away, is odometry; the second particle weighs more."""
+    ranges = ' '.join(['1.0'] * 180)
+    lines = []
+    for k in range(2):
+        lines.append(f'LASER_READING 180 {ranges} {700 + k} 0 0 {k + 1}.0')
+        lines.append(f'SM_UPDATE 2 {k} 5 0 -9 {k + 10} 5 0 -1')
+    (tmp_path / 'some.gfs').write_text('\n'.join(lines) + '\n')
+    monkeypatch.setenv('OGM_MCMC_DATA', str(tmp_path))
+    monkeypatch.setitem(contests.LOGS, 'some', contests.RecordedLog('some.gfs', 'nobody'))
+    contest = contests.log_contest('some')
+    assert [one.pose for one in contest.believed] == [Pose2D(10.0, 5.0), Pose2D(11.0, 5.0)]
+    assert contest.judging is contest.believed
 
 
 def test_a_missing_log_is_said_at_once(monkeypatch: pytest.MonkeyPatch, tmp_path: object) -> None:
