@@ -57,7 +57,7 @@ class PatchPlaces(NamedTuple):
     `touched` (C,): the cells that are in a patch, in rising order; `corners` (P,): all patches.
     `active`, `dull`: by offset of the tiling, row by row, patches side by side of which every one
     is drawn in a sweep, and those of which one in `DULL_TURNS` is. `doubted` (K,) uint8: cells
-    that are drawn whenever their active patch is, its others seldom; None: all alike.
+    whose probabilities are counted when an active patch is drawn; None: of none.
     """
 
     touched: AnyArray

@@ -18,7 +18,6 @@ from ogm_mcmc.sampling.gibbs_kernels import NO_CHANCE, PARTS
 from ogm_mcmc.sampling.patch_gibbs import PatchModel
 from ogm_mcmc.sampling.patch_gibbs_kernels import add_likelihoods, scratch
 from ogm_mcmc.sampling.patch_patterns import images, join, split
-from ogm_mcmc.sampling.patch_places import DULL_TURNS
 from ogm_mcmc.sampling.patch_prior import PatchTable, make_table
 
 # Two patches of 3 x 3, one beside the other.
@@ -231,7 +230,7 @@ def test_flips_of_cells_leave_the_conditional_as_it_is(name, escape, present, bu
 
 @pytest.mark.jit
 def test_cells_in_doubt_are_drawn_more_often_than_others(buildings):
-    """Of a patch with such cells the others come in one of eight turns: exact, as its twin."""
+    """Of a patch with such cells the others come in one of eight turns here: as its twin."""
     index, place, chosen = window_of(two_scans()).index, PLACES[1], (1, 3, 8)
     table = table_of('border', buildings)
     cells = np.array(
@@ -243,11 +242,11 @@ def test_cells_in_doubt_are_drawn_more_often_than_others(buildings):
 
     def drawn(share):
         some, every = (cells_in_turn(share, conditional, c) for c in (chosen, range(9)))
-        return some + (every - some) / DULL_TURNS
+        return some + (every - some) / 8.0
 
     assert_allclose(drawn(conditional), conditional, rtol=1e-9)
     sampler = PatchModel(index, WIDTH, table, flip_cells=True)
-    sampler.whole_share = 0.0
+    sampler.whole_share, sampler.settled_share = 0.0, 1.0 / 8.0
     doubted = np.zeros(cells.size, np.uint8)
     doubted[corner_of(place)[0] + sampler._inner[list(chosen)]] = 1
     seen = kernel_frequencies(sampler, cells, place, 0.0, 6000, 31, doubted)
