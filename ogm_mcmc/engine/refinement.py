@@ -42,7 +42,7 @@ from ogm_mcmc.sampling import (
     RayWindow,
 )
 from ogm_mcmc.sampling.chain_starts import forgotten
-from ogm_mcmc.sampling.estimates import hide_uncertain
+from ogm_mcmc.sampling.estimates import hide_uncertain, with_one_more_draw
 from ogm_mcmc.sampling.informed import known_cells
 from ogm_mcmc.sampling.posterior import ARRIVES, Estimate
 from ogm_mcmc.sampling.saved_chains import saved_settings
@@ -91,6 +91,7 @@ class Refinement:
         self.sampler: PosteriorSampler | None = None
         self.quality: ChainQuality | None = None  # of the informed cells
         self._summary: dict[str, float] | None = None
+        self._live: GridMap | None = None  # of the scans taken, once asked for
 
     # -- scans in ---------------------------------------------------------------------------
 
@@ -134,7 +135,7 @@ class Refinement:
                 self._take_nothing()
             raise
         self.window, self._taken, self.corrected = window, list(scans), moved is not None
-        self.sampler, self.quality, self._summary = sampler, None, None
+        self.sampler, self.quality, self._summary, self._live = sampler, None, None, None
         return self.size.n_rays
 
     def _take_nothing(self) -> None:
@@ -371,18 +372,22 @@ class Refinement:
     def map(self, of: Estimate | None = None) -> GridMap:
         """Return the posterior mean on the window, nan where no ray ever came.
 
-        That is a result, of counted sweeps (`PosteriorSampler.estimate`). While sampling goes on
-        `of` may be what is shown until then, `PosteriorSampler.present_estimate`.
+        Of counted sweeps, and the live map as one more draw; or `of` what is shown until then.
         """
-        return self.grid_map((of or self._sampled().estimate()).mean)
+        of = of or self._sampled().estimate()
+        found = self.grid_map(of.mean)
+        if of.sweeps == 0:
+            return found
+        if self._live is None or self._live.spec != found.spec:
+            self._live = live_map(self._taken, self._decided().window).windowed(found.spec.box)
+        return with_one_more_draw(found, self._live, of.draws)
 
     def known_map(self, of: Estimate | None = None) -> GridMap:
         """Return `map` where data moved it, nan elsewhere (see `known_cells`)."""
         sampler, spec = self._sampled(), self.window.spec
         of = of or sampler.estimate()
         whole = self.map(of)
-        arrival = sampler.arrival(of.mean)
-        arrives = (arrival >= ARRIVES).reshape(spec.height, spec.width)
+        arrives = (sampler.arrival(of.mean) >= ARRIVES).reshape(spec.height, spec.width)
         known = known_cells(whole.probability, arrives, self.config.patch.margin)
         return GridMap(spec, np.where(known, whole.probability, np.float32(np.nan)))
 

@@ -217,8 +217,10 @@ def test_a_result_is_of_counted_sweeps_alone():
     for _ in range(2):
         sampler.advance(1)
         found += [state.cells[sampler.model.touched] for state in sampler.states]
-    expected = refinement.grid_map(np.mean(found, axis=0).astype(np.float32)).probability
-    assert np.array_equal(refinement.map().probability, expected, equal_nan=True)
+    mean = np.mean(found, axis=0).astype(np.float32)
+    assert np.array_equal(sampler.estimate().mean, mean)
+    expected = refinement.map().probability
+    assert np.nanmax(np.abs(expected - refinement.grid_map(mean).probability)) < 1 / 5
     known = refinement.known_map().probability
     inside = np.isfinite(known)
     assert np.array_equal(known[inside], expected[inside])
@@ -428,6 +430,25 @@ def test_the_map_is_that_of_the_exact_posterior():
     assert flat[exact.touched] == approx(exact.marginals, abs=0.05)
     assert refinement.settings()['chain.prior'] == 0.3
     assert refinement.settings()['scans'] == 1
+
+
+def test_cells_that_are_free_in_all_draws_are_in_the_order_of_the_live_map():
+    refinement = taken(FIRST, SECOND, model={'sigma': 0.05, 'clutter': 1e-6})
+    run(refinement, max_sweeps=30)
+    estimate = refinement.sampler.estimate()
+    spec, touched = refinement.window.spec, refinement.sampler.model.touched
+    live = live_map([FIRST, SECOND], refinement.config.window).windowed(spec.box)
+    known = live.probability.reshape(-1)[touched]
+    tied = (estimate.mean == 0.0) & np.isfinite(known)
+    found = refinement.map().probability.reshape(-1)[touched]
+    assert np.unique(known[tied]).size > 1
+    assert found[tied] == approx(known[tied] / (estimate.draws + 1))
+    # Hidden is what was hidden when they were tied at zero.
+    plain = GridMap(spec, refinement.grid_map(estimate.mean).probability)
+    for draws in (3, 10, estimate.draws):
+        before, now = (hide_uncertain(one, 0.3, 0.02, draws) for one in (plain, refinement.map()))
+        free = plain.probability == 0.0
+        assert np.array_equal(np.isnan(before.probability)[free], np.isnan(now.probability)[free])
 
 
 def test_sweeps_as_reason():

@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 from sklearn.metrics import mutual_info_score
 from support.strategies import REPEATABLE
 
-from ogm_mcmc.sampling.estimates import mutual_information_bits
+from ogm_mcmc.geometry import GridMap, GridSpec
+from ogm_mcmc.sampling.estimates import mutual_information_bits, with_one_more_draw
 
 approx = pytest.approx
 
@@ -39,3 +40,15 @@ def test_no_samples_are_refused():
 
     with pytest.raises(ConfigError, match='samples is 0: expected at least one'):
         mutual_information_bits(np.empty((0, 3), np.uint8))
+
+
+def test_a_guess_orders_what_draws_tie_and_moves_nothing_further_than_one_draw_would():
+    def row(*values):
+        return GridMap(GridSpec(0.1, 7, 1), np.array([values], np.float32))
+
+    mean = row(0.0, 0.0, 0.25, 1.0, 1.0, 0.0, math.nan)
+    guess = row(0.4, 0.0, 0.65, 0.2, 1.0, math.nan, 0.3)
+    found = with_one_more_draw(mean, guess, 4).probability[0]
+    assert found[:6] == approx([0.08, 2e-7, 0.33, 0.84, 1.0, 0.0], rel=1e-5)
+    assert found[4] < 1.0
+    assert math.isnan(found[6])
