@@ -268,7 +268,7 @@ def test_the_probability_a_cell_is_drawn_with_is_told(buildings):
     expected = occupied / (free + occupied)
     assert 0.01 < expected < 0.99
     sampler = PatchModel(index, WIDTH, table, flip_cells=True)
-    sampler.whole_share = 0.0
+    sampler.whole_share, sampler.settled_share = 0.0, 1.0 / 8.0
     cell = corner_of(place)[0] + sampler._inner[which]
     doubted, chances = np.zeros(cells.size, np.uint8), np.full(cells.size, NO_CHANCE)
     doubted[cell] = 1
