@@ -17,18 +17,15 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Sequence
 
-from ogm_mcmc.arrays import Float64Array
 from ogm_mcmc.config import MapperConfig, flatten
 from ogm_mcmc.errors import GridError, require
 from ogm_mcmc.geometry import CellBox, GridMap, PlacedScan
 from ogm_mcmc.mapping import (
     Extras,
-    Prediction,
     batch_update,
     extras_of,
     live_settings,
     make_method,
-    predictor,
     uses_covariance,
 )
 
@@ -117,13 +114,6 @@ class MappingPipeline:
         """Return the whole map, cropped to the measured cells."""
         spec = self.method.spec
         return GridMap(spec, self.method.probabilities(spec.box)).cropped()
-
-    def at(self, points: Float64Array) -> Prediction:
-        """Return log-odds and variance at any points (N, 2), m.
-
-        Raises ConfigError for a method that knows of cells alone.
-        """
-        return predictor(self.config.method)(self.method, points)
 
     def extras(self, box: CellBox) -> Extras:
         """Return what the method saves beside the probabilities of the cells of a box."""

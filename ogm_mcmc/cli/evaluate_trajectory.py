@@ -18,10 +18,11 @@ from ogm_mcmc.evaluation.trajectories import (
     aligned_trajectory,
     coverage,
     matched_stamps,
-    read_relations,
     relation_errors,
+    relations_at,
     relative_errors,
 )
+from ogm_mcmc.io.relation_files import read_relations
 from ogm_mcmc.io.trajectory_files import Trajectory, read_trajectory
 from ogm_mcmc.io.tum_files import read_deviations
 from ogm_mcmc.plotting import Picture, Series, curves_png
@@ -147,7 +148,7 @@ def _covered(off: Float64Array, spread: Float64Array) -> dict[str, float]:
 
 
 def _by_relations(estimate: _Estimate, path: Path, tolerance_s: float) -> dict[str, Any]:
-    relations = read_relations(path, estimate.stamps_ns / 1e9, tolerance_s)
+    relations = relations_at(read_relations(path), estimate.stamps_ns / 1e9, tolerance_s)
     if relations.first.size == 0:
         raise PoseError(
             f'{path}: no relation has a pose of {estimate.path} within {tolerance_s:g} s of both '

@@ -19,7 +19,7 @@ from ogm_mcmc.cli.options import (
 )
 from ogm_mcmc.config import OutputConfig, PlacingConfig, flatten
 from ogm_mcmc.config.nodes import NodeMapperConfig
-from ogm_mcmc.engine.recorded_map import check_mapping, map_recording
+from ogm_mcmc.engine.recorded_map import check_mapping, map_recording, predicted_at
 from ogm_mcmc.engine.saved_map import MapToSave, replacing_map
 from ogm_mcmc.files.output_files import checked_name, makeable_folder
 from ogm_mcmc.io.map_files import points_file, save_npz, table_file
@@ -94,7 +94,7 @@ def run(options: argparse.Namespace) -> int:
     with replacing_map(saved, options.folder, options.name, output) as scratch:
         save_npz(saved.grid_map, scratch / files['npz'], settings, saved.extras.layers)
         if points is not None:
-            write_prediction(scratch / files['points'], points, *pipeline.at(points))
+            write_prediction(scratch / files['points'], points, *predicted_at(pipeline, points))
         text = json.dumps(result, indent=2) + '\n'
         (scratch / f'{options.name}.json').write_text(text, encoding='utf-8')
     said = saved.extras.summary

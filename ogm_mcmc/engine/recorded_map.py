@@ -8,13 +8,15 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ogm_mcmc.arrays import Float64Array
 from ogm_mcmc.config import MapperConfig
 from ogm_mcmc.engine.bag_scans import PlacedScans
 from ogm_mcmc.engine.no_returns import NoReturnChoice, NoReturnWatch, no_return_of
 from ogm_mcmc.errors import GridError
+from ogm_mcmc.mapping import Prediction, predictor
 from ogm_mcmc.pipeline import MappingPipeline
 
-__all__ = ['RecordedMap', 'check_mapping', 'map_recording']
+__all__ = ['RecordedMap', 'check_mapping', 'map_recording', 'predicted_at']
 
 # So many scans are read ahead to see what no return means, and no more: they take memory.
 AHEAD = 5000
@@ -35,7 +37,15 @@ def check_mapping(config: MapperConfig, *, at_points: bool) -> None:
     """
     pipeline = MappingPipeline(config)
     if at_points:
-        pipeline.at(np.empty((0, 2)))
+        predicted_at(pipeline, np.empty((0, 2)))
+
+
+def predicted_at(pipeline: MappingPipeline, points: Float64Array) -> Prediction:
+    """Return log-odds and variance at any points (N, 2), m.
+
+    Raises ConfigError for a method that knows of cells alone.
+    """
+    return predictor(pipeline.config.method)(pipeline.method, points)
 
 
 def map_recording(config: MapperConfig, scans: PlacedScans) -> RecordedMap:

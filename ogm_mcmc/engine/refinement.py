@@ -19,33 +19,23 @@ from typing import Any
 import numpy as np
 
 from ogm_mcmc.arrays import BoolArray, Float32Array, UInt8Array
-from ogm_mcmc.config import (
-    ForwardModelConfig,
-    SamplerConfig,
-    StopConfig,
-    flatten,
-)
+from ogm_mcmc.config import ForwardModelConfig, SamplerConfig, StopConfig, flatten
 from ogm_mcmc.engine.live_map import cells_on, check_lattice, first_maps, live_map
 from ogm_mcmc.engine.no_returns import NoReturnChoice, NoReturns, no_return_of
 from ogm_mcmc.engine.posterior import Grown, patch_prior, posterior_model
 from ogm_mcmc.engine.progress import IndexSize, Progress
 from ogm_mcmc.engine.recording import Recording, fingerprint
+from ogm_mcmc.engine.saved_chains import load_chains, save_chains, saved_settings
 from ogm_mcmc.engine.sensor_fit import SensorNumbers, fit_sensor, found_of_beams, saved_beams
 from ogm_mcmc.engine.warp import laid_on, moved_cells
 from ogm_mcmc.errors import ConfigError, WindowError
 from ogm_mcmc.files.output_files import replacing
 from ogm_mcmc.geometry import GridMap, GridSpec, PlacedScan
-from ogm_mcmc.sampling import (
-    ChainQuality,
-    PosteriorModel,
-    PosteriorSampler,
-    RayWindow,
-)
+from ogm_mcmc.sampling import ChainQuality, PosteriorModel, PosteriorSampler, RayWindow
 from ogm_mcmc.sampling.chain_starts import forgotten
 from ogm_mcmc.sampling.estimates import hide_uncertain, with_one_more_draw
 from ogm_mcmc.sampling.informed import known_cells
 from ogm_mcmc.sampling.posterior import ARRIVES, Estimate
-from ogm_mcmc.sampling.saved_chains import saved_settings
 
 __all__ = [
     'IndexSize',
@@ -326,9 +316,8 @@ class Refinement:
         if self.sampler is None:
             raise WindowError('nothing was sampled yet: no state to save')
         with replacing(path) as temporary:
-            self.sampler.save(
-                temporary, {**self._identity(), FOUND: found_of_beams(self.model, self.sensor)}
-            )
+            found = found_of_beams(self.model, self.sensor)
+            save_chains(self.sampler, temporary, {**self._identity(), FOUND: found})
 
     def resume(self, path: Path) -> None:
         """Go on from a saved state instead of the start that `take` made.
@@ -354,7 +343,7 @@ class Refinement:
                 self._resumed = saved_beams(path, saved[FOUND], self.config.model)
                 self.window = self._indexed(self._taken, 0)
                 posterior = self._posterior(self.window, None)
-            sampler, _ = PosteriorSampler.load(path, posterior, accept)
+            sampler, _ = load_chains(path, posterior, accept)
         except BaseException:
             self.model, self.sensor, self.window = held
             if self._index_spent:

@@ -9,14 +9,12 @@ estimated move and the known one.
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from ogm_mcmc.arrays import AnyArray, Float64Array, Int64Array
-from ogm_mcmc.errors import GridError, LogError
-from ogm_mcmc.files.input_files import reason_of, text_of
+from ogm_mcmc.errors import GridError
 
 __all__ = [
     'PoseErrors',
@@ -25,8 +23,8 @@ __all__ = [
     'aligned_trajectory',
     'coverage',
     'matched_stamps',
-    'read_relations',
     'relation_errors',
+    'relations_at',
     'relative_errors',
 ]
 
@@ -114,23 +112,12 @@ def matched_stamps(
     return used.astype(np.int64), nearest[used]
 
 
-def read_relations(path: Path, stamps_s: AnyArray, tolerance_s: float = 1e-3) -> Relations:
-    """Read those relations of a file that have a pose at both ends.
+def relations_at(rows: Float64Array, stamps_s: AnyArray, tolerance_s: float = 1e-3) -> Relations:
+    """Return those relations that have a pose at both ends.
 
-    Lines: stamp, stamp, x, y, z, roll, pitch, yaw. `stamps_s` (K,) of the poses, in any order;
-    nothing is interpolated. Raises LogError for anything else.
+    rows      (N, 8): stamp, stamp, x, y, z, roll, pitch, yaw, as `read_relations` returns them
+    stamps_s  (K,) of the poses, in any order; nothing is interpolated
     """
-    try:
-        lines = [line for line in text_of(path).splitlines() if line.partition('#')[0].strip()]
-        rows = np.loadtxt(lines, ndmin=2) if lines else np.empty((0, 8))
-    except (OSError, ValueError) as error:
-        reason = reason_of(error)
-        raise LogError(f'{path}: expected lines of eight numbers ({reason})') from error
-    if rows.shape[1] != 8:
-        raise LogError(f'{path}: {rows.shape[1]} numbers in a line: expected 8')
-    odd = np.flatnonzero(~np.isfinite(rows).all(1))
-    if odd.size:
-        raise LogError(f'{path}: relation {odd[0] + 1}: expected finite numbers')
     stamps = np.asarray(stamps_s, np.float64)
     order = np.argsort(stamps, kind='stable')
     ends = [_nearest(stamps[order], rows[:, side]) for side in (0, 1)]

@@ -7,7 +7,6 @@ from ogm_mcmc.engine.no_returns import NoReturnChoice
 from ogm_mcmc.engine.refinement import Progress
 from ogm_mcmc.engine.sensor_fit import SensorNumbers
 from ogm_mcmc.engine.worker import WorkerStatus
-from ogm_mcmc.sampling import WindowSize
 
 __all__ = [
     'disagreement',
@@ -47,13 +46,13 @@ def nothing_recorded(waiting: int, lost: int) -> str:
     )
 
 
-def size_refusal(scans: int, size: WindowSize, max_memory_mb: float) -> str:
+def size_refusal(scans: int, rays: int, n_bytes: int, max_memory_mb: float) -> str:
     """Return why an order is refused that says nothing or is too large; empty if it is neither."""
-    if size.rays == 0:
+    if rays == 0:
         return f'no beam of {scans} scans says anything: nothing to sample'
-    if size.n_bytes > 1e6 * max_memory_mb:
+    if n_bytes > 1e6 * max_memory_mb:
         return (
-            f'{size.rays} rays may need {size.n_bytes / 1e6:.1f} MB: expected at most '
+            f'{rays} rays may need {n_bytes / 1e6:.1f} MB: expected at most '
             f'window.max_memory_mb = {max_memory_mb:g}'
         )
     return ''

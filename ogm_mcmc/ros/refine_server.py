@@ -274,7 +274,8 @@ class RefineServer(ManagedNode):
         scans = len(self.recording)
         if scans == 0:
             return nothing_recorded(len(self.intake.placer), self.intake.problems.all().total())
-        return size_refusal(scans, self.recording.size, self.sampler.window.max_memory_mb)
+        size, most = self.recording.size, self.sampler.window.max_memory_mb
+        return size_refusal(scans, size.rays, size.n_bytes, most)
 
     def _sample(self) -> str:
         """Order the recorded scans to be sampled; return what is said of it."""

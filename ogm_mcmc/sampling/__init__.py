@@ -112,7 +112,8 @@ from ogm_mcmc.sampling.posterior import (
     PosteriorModel,
     PosteriorSampler,
 )
-from ogm_mcmc.sampling.ray_index import RayIndex, RayWindow, WindowSize
+from ogm_mcmc.sampling.ray_index import RayIndex
+from ogm_mcmc.sampling.ray_window import RayWindow, WindowSize
 
 __all__ = [
     'CellModel',

@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.random import Generator
 
 from ogm_mcmc.arrays import AnyArray, BoolArray, Float32Array, UInt8Array
-from ogm_mcmc.errors import WindowError, require
-from ogm_mcmc.files.npz_files import TEXT, npz_file
+from ogm_mcmc.errors import require
 from ogm_mcmc.sampling.cell_gibbs import GibbsState
 from ogm_mcmc.sampling.diagnostics import BatchCounts, ChainQuality, assess
 from ogm_mcmc.sampling.gibbs_kernels import NO_CHANCE, PARTS, add_occupied
-from ogm_mcmc.sampling.saved_chains import cells_in, check_window, counts_in
 
 __all__ = ['Estimate', 'PosteriorModel', 'PosteriorSampler']
 
@@ -280,75 +276,3 @@ class PosteriorSampler:
         states = sum(array.nbytes for state in self.states for array in state)
         counted = sum(counts.counts.nbytes for counts in (*self.counts, *self.settling))
         return int(states + counted)
-
-    def save(self, path: Path, settings: dict[str, Any]) -> None:
-        """Write everything that `load` needs to go on as if nothing had happened."""
-        arrays: dict[str, Any] = {}
-        for j, state in enumerate(self.states):
-            arrays[f'cells_{j}'] = np.packbits(state.cells)
-        for number, counts in enumerate((*self.counts, *self.settling)):
-            arrays[f'counts_{number}'] = counts.counts
-            arrays[f'progress_{number}'] = (counts.batch_length, counts.full, counts.in_last)
-        header = {
-            'version': 2,
-            'chains': len(self.states),
-            'settling': len(self.settling),
-            'sweeps': self.sweeps,
-            'burn_in': self.burn_in,
-            'n_cells': self.model.n_cells,
-            'touched': int(self.model.touched.size),
-            'log_likelihoods': self.log_likelihoods(),
-            'generators': [rng.bit_generator.state for rng in self.rngs],
-            'settings': settings,
-        }
-        with path.open('wb') as stream:
-            np.savez_compressed(stream, header=np.array(json.dumps(header)), **arrays)
-
-    @classmethod
-    def load(
-        cls,
-        path: Path,
-        model: PosteriorModel,
-        accept: Callable[[dict[str, Any]], object] = lambda settings: None,
-    ) -> tuple[PosteriorSampler, dict[str, Any]]:
-        """Return the sampler that was saved, and its settings.
-
-        `accept` sees the settings first, and raises WindowError when they are not those wanted.
-        Raises WindowError, too, when the file is no such file or is of another window.
-        """
-        with npz_file(path, 'a saved sampling state', WindowError) as held:
-            header = json.loads(str(held.read('header', TEXT)))
-            accept(header['settings'])
-            check_window(path, header, (model.n_cells, model.touched.size))
-            # At first sweeps were counted, not parts of them.
-            parts = 1 if header['version'] == 1 else PARTS
-            sampler = cls(model, [], seed=0, burn_in=int(header['burn_in']))
-            sampler.sweeps = int(header['sweeps'])
-            for j in range(min(int(header['chains']), len(header['generators']))):
-                sampler.states.append(model.start(cells_in(held, j, model.n_cells)))
-                sampler.counts.append(counts_in(held, j, model.touched.size, parts))
-                rng = np.random.default_rng()
-                rng.bit_generator.state = header['generators'][j]
-                sampler.rngs.append(rng)
-            chains = len(sampler.states)
-            settling = int(header.get('settling', 0))
-            if settling not in (0, chains):
-                raise ValueError(f'burn-in of {settling} chains: expected 0 or {chains}')
-            sampler.settling = [
-                counts_in(held, chains + j, model.touched.size, parts) for j in range(settling)
-            ]
-            if len(sampler.states) != header['chains']:
-                raise ValueError(f'{header["chains"]} chains: expected as many generators')
-            sampler._check_loaded(path, header['log_likelihoods'])
-        return sampler, header['settings']
-
-    def _check_loaded(self, path: Path, log_likelihoods: list[float]) -> None:
-        """Refuse counts of other lengths, and maps that other readings make as likely as this."""
-        counted = max(self.sweeps - self.burn_in, 0)
-        if any(counts.n_sweeps != counted for counts in self.counts) or not self.counts:
-            raise ValueError(f'expected {counted} counted sweeps of every chain')
-        if not np.allclose(self.log_likelihoods(), log_likelihoods, rtol=1e-6, atol=1e-4):
-            raise WindowError(
-                f'{path}: its maps had log-likelihood {log_likelihoods[0]:.6g}: expected '
-                f'{self.log_likelihoods()[0]:.6g}, as they have with the rays of this window'
-            )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from ogm_mcmc.sampling.ray_filing_kernels import (
     spread,
     walk_front,
 )
+from ogm_mcmc.sampling.ray_index import RayIndex
 from ogm_mcmc.sampling.ray_index_kernels import (
     CELLS,
     FRONT,
@@ -34,9 +34,6 @@ from ogm_mcmc.sampling.ray_index_kernels import (
 from ogm_mcmc.sampling.ray_line_kernels import BORDER, START
 from ogm_mcmc.sampling.ray_merging_kernels import add_beams
 from ogm_mcmc.sensors.forward_model import ForwardModel
-
-if TYPE_CHECKING:
-    from ogm_mcmc.sampling.ray_index import RayIndex
 
 __all__ = ['assembled', 'extended']
 

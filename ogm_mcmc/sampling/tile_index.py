@@ -15,7 +15,7 @@ from ogm_mcmc.sampling.beam_rays import BeamRays, rays_of_scan
 from ogm_mcmc.sampling.informed_kernels import mark_arrivals
 from ogm_mcmc.sampling.ray_filing import assembled, extended
 from ogm_mcmc.sampling.ray_filing_kernels import lay_rays
-from ogm_mcmc.sampling.ray_index import RayIndex, RayWindow
+from ogm_mcmc.sampling.ray_index import RayIndex
 from ogm_mcmc.sampling.ray_index_kernels import NEAR, WIDTH
 from ogm_mcmc.sampling.ray_line_kernels import (
     RAY_WORDS,
@@ -25,6 +25,7 @@ from ogm_mcmc.sampling.ray_line_kernels import (
     UNSEEN,
     UPWARDS,
 )
+from ogm_mcmc.sampling.ray_window import RayWindow
 from ogm_mcmc.sampling.tile_kernels import cut_rays
 from ogm_mcmc.sampling.tiles import Tiling
 from ogm_mcmc.sensors.forward_model import ForwardModel

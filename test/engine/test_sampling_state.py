@@ -9,6 +9,7 @@ from support.strategies import fan
 from ogm_mcmc.config import ChainConfig, PatchConfig, SamplerConfig, StopConfig, WindowConfig
 from ogm_mcmc.engine.recording import fingerprint
 from ogm_mcmc.engine.refinement import Refinement, hide_uncertain
+from ogm_mcmc.engine.saved_chains import save_chains
 from ogm_mcmc.engine.warm_up import warm_up_sampling
 from ogm_mcmc.errors import WindowError
 from ogm_mcmc.geometry import PlacedScan, Pose2D, PoseBelief
@@ -114,7 +115,7 @@ def test_beams_that_cannot_be_are_refused_and_change_nothing(tmp_path, found):
     path = tmp_path / 'chains.npz'
     first = taken(scans())
     sweep(first, 21)
-    first.sampler.save(path, {**first._identity(), 'found': found})
+    save_chains(first.sampler, path, {**first._identity(), 'found': found})
     before = first.sampler, first.model, first.window
     with pytest.raises(WindowError, match='expected what was found of the beams'):
         first.resume(path)

@@ -1,16 +1,14 @@
 """Errors of trajectories, by hand."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-from ogm_mcmc.errors import GridError, LogError
+from ogm_mcmc.errors import GridError
 from ogm_mcmc.evaluation.trajectories import (
     absolute_errors,
     coverage,
-    read_relations,
     relation_errors,
+    relations_at,
     relative_errors,
 )
 
@@ -53,10 +51,13 @@ def test_a_turn_of_the_first_pose_moves_what_it_sees() -> None:
     np.testing.assert_allclose(errors.turn_rad, [0.1, 0.0, 0.0], atol=1e-12)
 
 
-def test_relations_count_where_both_ends_have_a_pose(tmp_path: Path) -> None:
-    path = tmp_path / 'relations'
-    path.write_text('10 20 1 0 0 0 0 1.5707963\n20 25 9 9 0 0 0 0\n30.0005 20 2 0 0 0 0 -1.5\n')
-    relations = read_relations(path, [30.0, 10.0, 20.0])
+def test_relations_count_where_both_ends_have_a_pose() -> None:
+    rows = [
+        (10, 20, 1, 0, 0, 0, 0, np.pi / 2.0),
+        (20, 25, 9, 9, 0, 0, 0, 0),
+        (30.0005, 20, 2, 0, 0, 0, 0, -1.5),
+    ]
+    relations = relations_at(np.array(rows), [30.0, 10.0, 20.0])
     assert relations.first.tolist() == [1, 0]
     assert relations.second.tolist() == [2, 2]
     errors = relation_errors(TRUTH[[2, 0, 1]], relations)
@@ -70,10 +71,6 @@ def test_coverage_is_the_share_within_two_deviations() -> None:
     assert coverage(off, np.ones((2, 2))).tolist() == [1.0, 0.5]
 
 
-def test_what_does_not_fit_is_refused(tmp_path: Path) -> None:
+def test_what_does_not_fit_is_refused() -> None:
     with pytest.raises(GridError, match='expected as many'):
         absolute_errors(TRUTH[:2], TRUTH)
-    path = tmp_path / 'relations'
-    path.write_text('1 2 3\n')
-    with pytest.raises(LogError, match='expected 8'):
-        read_relations(path, [1.0, 2.0])

@@ -21,6 +21,7 @@ from ogm_mcmc.config import (
 )
 from ogm_mcmc.config.settings import read_parameter_file
 from ogm_mcmc.engine.prior_files import Prior, load_prior, save_prior
+from ogm_mcmc.engine.saved_chains import load_chains, save_chains
 from ogm_mcmc.engine.tree_files import load_tree
 from ogm_mcmc.errors import OgmError
 from ogm_mcmc.geometry import GridMap, GridSpec, PlacedScan, Pose2D
@@ -80,11 +81,11 @@ def chains_npz(path):
     starts = [np.zeros(model.n_cells, np.uint8)] * 2
     sampler = PosteriorSampler(model, starts, seed=1, burn_in=2)
     sampler.advance(6)
-    sampler.save(path, {'sigma': 1.0})
+    save_chains(sampler, path, {'sigma': 1.0})
 
 
-def load_chains(path):
-    return PosteriorSampler.load(path, small_model())
+def chains_of(path):
+    return load_chains(path, small_model())
 
 
 ARCHIVES = {
@@ -92,7 +93,7 @@ ARCHIVES = {
     'prior': (prior_npz, load_prior),
     'tree': (tree_npz, load_tree),
     'samples': (samples_npz, load_samples),
-    'chains': (chains_npz, load_chains),
+    'chains': (chains_npz, chains_of),
 }
 
 

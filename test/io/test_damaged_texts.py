@@ -11,12 +11,12 @@ from support.fuzz import ROUNDS, SEED
 from ogm_mcmc.cli.evaluate_path import read_way
 from ogm_mcmc.config.settings import read_parameter_file
 from ogm_mcmc.errors import BagError, OgmError
-from ogm_mcmc.evaluation.trajectories import read_relations
 from ogm_mcmc.files.output_files import replacing_set
 from ogm_mcmc.io.bag_files import kind_of, unpacked
 from ogm_mcmc.io.bags import BagReader
 from ogm_mcmc.io.carmen import read_carmen
 from ogm_mcmc.io.point_files import read_points
+from ogm_mcmc.io.relation_files import read_relations
 from ogm_mcmc.io.stata_import import read_pose_file
 from ogm_mcmc.io.training_maps import read_sources
 from ogm_mcmc.io.trajectory_files import read_trajectory
@@ -51,7 +51,7 @@ READERS = {
     'way': (lines('{0},0.5,0.1'), read_way),
     'relations': (
         lines('{0}.0 {0}.5 0.1 0.2 0 0 0 0.1'),
-        lambda path: read_relations(path, np.arange(0.0, 9.0, 0.5)),
+        read_relations,
     ),
     'sources': (
         'file,resolution_m,repository,commit,licence\n' + lines('a{0}.png,0.05,a/b,c,MIT'),

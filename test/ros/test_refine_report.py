@@ -1,7 +1,5 @@
 """What a user reads of a refinement: limits, progress, and by how much agreement is missed."""
 
-from types import SimpleNamespace
-
 import pytest
 
 pytest.importorskip('rclpy', reason='rclpy is not installed: no ROS tests')
@@ -93,5 +91,4 @@ def test_what_was_found_out_about_the_sensor():
     ],
 )
 def test_orders_that_say_nothing_or_are_too_large_are_refused(rays, n_bytes, expected):
-    size = SimpleNamespace(rays=rays, n_bytes=n_bytes)
-    assert size_refusal(3, size, 2.0) == expected
+    assert size_refusal(3, rays, n_bytes, 2.0) == expected

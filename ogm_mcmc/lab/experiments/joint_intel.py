@@ -31,9 +31,10 @@ from ogm_mcmc.config import (
 from ogm_mcmc.engine.live_map import map_of
 from ogm_mcmc.engine.refinement import Refinement
 from ogm_mcmc.evaluation import ForwardModel, beam_log_likelihood
-from ogm_mcmc.evaluation.trajectories import Relations, read_relations, relation_errors
+from ogm_mcmc.evaluation.trajectories import Relations, relation_errors, relations_at
 from ogm_mcmc.geometry import GridMap, PlacedScan, PoseBelief, Scan
 from ogm_mcmc.io.carmen import read_carmen
+from ogm_mcmc.io.relation_files import read_relations
 from ogm_mcmc.lab.experiments.recordings import as_scan, data_folder
 from ogm_mcmc.lab.experiments.results import row
 from ogm_mcmc.trajectory import TrajectoryRefinement
@@ -115,7 +116,7 @@ def read_recorded(folder: Path) -> Recorded:
         [as_scan(scan) for scan in logged],
         xyyaw([scan.laser_pose for scan in logged]),
         order.astype(np.int64),
-        read_relations(folder / RELATIONS, stamps),
+        relations_at(read_relations(folder / RELATIONS), stamps),
         np.loadtxt(folder / ROUGH),
     )
 

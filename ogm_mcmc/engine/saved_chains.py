@@ -1,0 +1,146 @@
+"""Chains in a file, from which sampling goes on as if nothing had happened.
+
+An NPZ of the map, counts and generator of each chain, and a header in JSON: the version, numbers
+of chains and sweeps, the size of the window, the log-likelihood of each map, and the settings.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ogm_mcmc.arrays import UInt8Array
+from ogm_mcmc.errors import WindowError
+from ogm_mcmc.files.npz_files import TEXT, Field, NpzFile, npz_file
+from ogm_mcmc.sampling import PosteriorModel, PosteriorSampler
+from ogm_mcmc.sampling.diagnostics import BatchCounts
+from ogm_mcmc.sampling.gibbs_kernels import PARTS
+
+__all__ = ['load_chains', 'save_chains', 'saved_settings']
+
+VERSION = 2
+
+# At first sweeps were counted, not parts of them.
+COUNTED_SWEEPS = 1
+
+
+def save_chains(sampler: PosteriorSampler, path: Path, settings: dict[str, Any]) -> None:
+    """Write everything that `load_chains` needs to go on as if nothing had happened."""
+    arrays: dict[str, Any] = {}
+    for j, state in enumerate(sampler.states):
+        arrays[f'cells_{j}'] = np.packbits(state.cells)
+    for number, counts in enumerate((*sampler.counts, *sampler.settling)):
+        arrays[f'counts_{number}'] = counts.counts
+        arrays[f'progress_{number}'] = (counts.batch_length, counts.full, counts.in_last)
+    header = {
+        'version': VERSION,
+        'chains': len(sampler.states),
+        'settling': len(sampler.settling),
+        'sweeps': sampler.sweeps,
+        'burn_in': sampler.burn_in,
+        'n_cells': sampler.model.n_cells,
+        'touched': int(sampler.model.touched.size),
+        'log_likelihoods': sampler.log_likelihoods(),
+        'generators': [rng.bit_generator.state for rng in sampler.rngs],
+        'settings': settings,
+    }
+    with path.open('wb') as stream:
+        np.savez_compressed(stream, header=np.array(json.dumps(header)), **arrays)
+
+
+def load_chains(
+    path: Path,
+    model: PosteriorModel,
+    accept: Callable[[dict[str, Any]], object] = lambda settings: None,
+) -> tuple[PosteriorSampler, dict[str, Any]]:
+    """Return the sampler that was saved, and its settings.
+
+    `accept` sees the settings first, and raises WindowError when they are not those wanted.
+    Raises WindowError, too, when the file is no such file or is of another window.
+    """
+    with npz_file(path, 'a saved sampling state', WindowError) as held:
+        header = json.loads(str(held.read('header', TEXT)))
+        accept(header['settings'])
+        _check_window(path, header, (model.n_cells, model.touched.size))
+        parts = 1 if header['version'] == COUNTED_SWEEPS else PARTS
+        sampler = PosteriorSampler(model, [], seed=0, burn_in=int(header['burn_in']))
+        sampler.sweeps = int(header['sweeps'])
+        for j in range(min(int(header['chains']), len(header['generators']))):
+            sampler.states.append(model.start(_cells_in(held, j, model.n_cells)))
+            sampler.counts.append(_counts_in(held, j, model.touched.size, parts))
+            rng = np.random.default_rng()
+            rng.bit_generator.state = header['generators'][j]
+            sampler.rngs.append(rng)
+        chains = len(sampler.states)
+        settling = int(header.get('settling', 0))
+        if settling not in (0, chains):
+            raise ValueError(f'burn-in of {settling} chains: expected 0 or {chains}')
+        sampler.settling = [
+            _counts_in(held, chains + j, model.touched.size, parts) for j in range(settling)
+        ]
+        if chains != header['chains']:
+            raise ValueError(f'{header["chains"]} chains: expected as many generators')
+        _check_chains(sampler, path, header['log_likelihoods'])
+    return sampler, header['settings']
+
+
+def saved_settings(path: Path) -> dict[str, Any]:
+    """Return the settings of a saved state; raises WindowError for any other file."""
+    with npz_file(path, 'a saved sampling state', WindowError) as held:
+        settings: dict[str, Any] = json.loads(str(held.read('header', TEXT)))['settings']
+        return dict(settings)
+
+
+def _cells_in(held: NpzFile, chain: int, n_cells: int) -> UInt8Array:
+    """Return the map (K,) of a chain."""
+    packed = held.read(f'cells_{chain}', Field('u', ((n_cells + 7) // 8,)))
+    cells: UInt8Array = np.unpackbits(packed, count=n_cells)
+    return cells
+
+
+def _counts_in(held: NpzFile, chain: int, n_touched: int, parts: int) -> BatchCounts:
+    """Return what a chain counted in C cells; `parts` of a sweep were counted."""
+    counts = BatchCounts(n_touched)
+    rows = held.read(f'counts_{chain}', Field('u', counts.counts.shape))
+    if rows.dtype not in (np.uint16, np.uint32):
+        raise ValueError(f'counts_{chain} is {rows.dtype}: expected uint16 or uint32')
+    progress = held.read(f'progress_{chain}', Field('iu', (3,)))
+    counts.counts = rows if parts == PARTS else rows.astype(np.uint32) * np.uint32(PARTS)
+    counts.batch_length, counts.full, counts.in_last = map(int, progress)
+    if not (0 <= counts.full < len(rows) and 0 <= counts.in_last < counts.batch_length):
+        raise ValueError(f'batches {progress}: expected a row to go on with')
+    most = np.zeros(len(rows), np.int64)
+    most[: counts.full], most[counts.full] = counts.batch_length, counts.in_last
+    most *= parts
+    if (rows.max(axis=1, initial=0) > most).any():
+        raise ValueError(f'counts_{chain}: expected no more than the sweeps of a batch')
+    return counts
+
+
+def _check_window(path: Path, header: dict[str, Any], here: tuple[int, int]) -> None:
+    """Raise WindowError unless a state is of so many cells, of which so many are sampled."""
+    if header['version'] not in (COUNTED_SWEEPS, VERSION):
+        expected = f'expected {COUNTED_SWEEPS} or {VERSION}'
+        raise WindowError(f'{path}: version {header["version"]}: {expected}')
+    saved = header['n_cells'], header['touched']
+    if saved != here:
+        raise WindowError(
+            f'{path}: sampled {saved[1]} of {saved[0]} cells: expected {here[1]} of {here[0]}, '
+            'those of this window'
+        )
+
+
+def _check_chains(sampler: PosteriorSampler, path: Path, log_likelihoods: list[float]) -> None:
+    """Refuse counts of other lengths, and maps that other readings make as likely as this."""
+    counted = max(sampler.sweeps - sampler.burn_in, 0)
+    if any(counts.n_sweeps != counted for counts in sampler.counts) or not sampler.counts:
+        raise ValueError(f'expected {counted} counted sweeps of every chain')
+    if not np.allclose(sampler.log_likelihoods(), log_likelihoods, rtol=1e-6, atol=1e-4):
+        raise WindowError(
+            f'{path}: its maps had log-likelihood {log_likelihoods[0]:.6g}: expected '
+            f'{sampler.log_likelihoods()[0]:.6g}, as they have with the rays of this window'
+        )

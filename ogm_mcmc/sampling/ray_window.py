@@ -1,0 +1,188 @@
+"""Recorded scans as a window of rays that can grow, and what it takes of memory."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ogm_mcmc.config import ForwardModelConfig, WindowConfig
+from ogm_mcmc.errors import WindowError
+from ogm_mcmc.geometry import CellBox, GridSpec, PlacedScan
+from ogm_mcmc.sampling.beam_rays import (
+    BeamRays,
+    limited,
+    most_cells,
+    most_near_cells,
+    rays_of_scan,
+)
+from ogm_mcmc.sampling.ray_batch import Batch, in_blocks
+from ogm_mcmc.sampling.ray_filing import extended
+from ogm_mcmc.sampling.ray_index import empty_index
+from ogm_mcmc.sampling.ray_merging import Joining, Places
+from ogm_mcmc.sensors.forward_model import ForwardModel
+
+__all__ = ['RayWindow', 'WindowSize']
+
+
+class WindowSize(NamedTuple):
+    """Rays, the most pairs of a ray and a cell, a box around all cells, pairs that are near."""
+
+    rays: int
+    pairs: int
+    box: CellBox
+    near: int = 0
+
+    def with_more(self, other: WindowSize) -> WindowSize:
+        """Return the size of a window of both."""
+        return WindowSize(
+            self.rays + other.rays,
+            self.pairs + other.pairs,
+            self.box.union(other.box),
+            self.near + other.near,
+        )
+
+    def without(self, other: WindowSize, box: CellBox) -> WindowSize:
+        """Return the size of a window without a part of it; `box` is around the others."""
+        return WindowSize(
+            self.rays - other.rays, self.pairs - other.pairs, box, self.near - other.near
+        )
+
+    @property
+    def n_bytes(self) -> int:
+        """Memory that an index of this size takes, about; measured windows took less."""
+        lists = 13 * min(self.near, self.box.n_cells)
+        in_front = self.pairs - self.near
+        return 40 * self.rays + 8 * self.near + lists + in_front + self.box.n_cells // 2
+
+
+class RayWindow:
+    """Recorded scans as an index of rays that can grow.
+
+    Adding scans changes the arrays of `index` in place and replaces the tuple: whoever samples
+    from an index must stop before more is added.
+
+    With `limits`, a box of lattice cells, the window is that box. A beam that leaves it says that
+    nothing is on its way up to there, like one that is longer than the sensor reaches; sensors
+    outside are left out.
+
+    With `merge` beams that run along together are one ray, see `ogm_mcmc.sampling.ray_merging`;
+    without it each beam is a ray, in the order of scans and beams.
+    """
+
+    def __init__(
+        self,
+        config: WindowConfig,
+        model: ForwardModelConfig,
+        *,
+        margin: int = 0,
+        limits: CellBox | None = None,
+        merge: bool = False,
+    ) -> None:
+        self.config = config
+        self.margin = margin  # cells beyond all rays that belong to the window, too
+        self.limits = limits
+        self.model_config = model
+        self.model = ForwardModel.from_config(model)
+        self.spec = GridSpec(config.resolution, 1, 1)
+        self.index = empty_index()
+        self.n_beams = 0  # of all rays
+        self._size = WindowSize(0, 0, CellBox(0, 0, 0, 0))
+        self._merge = merge
+        self._places: Places = {}
+
+    @property
+    def n_merged(self) -> int:
+        """Beams that were added to the ray of another one."""
+        return self.n_beams - self.index.n_rays
+
+    def add(self, placed: Iterable[PlacedScan]) -> int:
+        """Add scans, each at the mean of its belief; return the number of beams.
+
+        Raises GridError for a ray that is too long, WindowError when the memory limit would be
+        passed; nothing has changed then.
+        """
+        scans = list(placed)
+        joining = self._joining(scans)
+        batch = Batch(scans, self._cast, joining)
+        if batch.n_beams == 0:
+            return 0
+        more = WindowSize(0, 0, CellBox(0, 0, 0, 0))
+        for rays in batch.rays():
+            more = more.with_more(self._size_of(rays))
+        size = self._size.with_more(more)
+        spec = self.spec.windowed(size.box if self.limits is None else self.limits)
+        self._check_memory(size._replace(box=spec.box))
+
+        def here(rays: BeamRays) -> BeamRays:
+            return rays._replace(column=rays.column - spec.column0, row=rays.row - spec.row0)
+
+        self.index = extended(
+            self.index,
+            self.spec,
+            spec,
+            lambda: map(here, in_blocks(batch.rays())),
+            more.rays,
+            self.model,
+            lambda: ((here(rays), numbers) for rays, numbers in batch.more_said()),
+        )
+        self.spec, self._size = spec, size
+        self.n_beams += batch.n_beams
+        if joining is not None:
+            self._places.update(joining.places)
+        return batch.n_beams
+
+    def _joining(self, scans: Sequence[PlacedScan]) -> Joining | None:
+        if not self._merge:
+            return None
+        n_rays, resolution = self.index.n_rays, self.config.resolution
+        return Joining(self._places, n_rays, scans, self._cast, self.model, resolution)
+
+    def size_of(self, placed: PlacedScan) -> WindowSize:
+        """Return what a scan adds to a window; raises GridError for a ray that is too long."""
+        return self._size_of(rays_of_scan(placed, self.config, self.model.sigma_m))
+
+    @property
+    def most_bytes(self) -> float:
+        """The memory that the index may take."""
+        return self.config.max_memory_mb * 1e6
+
+    def _cast(self, placed: PlacedScan) -> BeamRays:
+        rays = rays_of_scan(placed, self.config, self.model.sigma_m)
+        if self.limits is not None:
+            rays = limited(rays, self.limits, self.config.resolution)
+        return rays
+
+    def sum_of_sizes(self, scans: Sequence[PlacedScan]) -> WindowSize:
+        """Return what scans add at most to a window; raises GridError for a ray too long."""
+        size = WindowSize(0, 0, CellBox(0, 0, 0, 0))
+        for scan in scans:
+            size = size.with_more(self._size_of(self._cast(scan)))
+        return size
+
+    def _size_of(self, rays: BeamRays) -> WindowSize:
+        if rays.length.size == 0:
+            return WindowSize(0, 0, CellBox(0, 0, 0, 0))
+        cells = most_cells(rays)
+        near = np.minimum(cells, most_near_cells(rays, self.model, self.config.resolution))
+        box = self._box_around(rays)
+        return WindowSize(rays.length.size, int(cells.sum()), box, int(near.sum()))
+
+    def _box_around(self, rays: BeamRays) -> CellBox:
+        end_x, end_y = rays.x + rays.length * rays.ux, rays.y + rays.length * rays.uy
+        column, row, margin = int(rays.column[0]), int(rays.row[0]), self.margin
+        return CellBox(
+            column + int(np.floor(min(0.0, end_x.min()))) - margin,
+            row + int(np.floor(min(0.0, end_y.min()))) - margin,
+            column + int(np.floor(max(0.0, end_x.max()))) + 1 + margin,
+            row + int(np.floor(max(0.0, end_y.max()))) + 1 + margin,
+        )
+
+    def _check_memory(self, size: WindowSize) -> None:
+        if size.n_bytes > self.most_bytes:
+            raise WindowError(
+                f'{size.rays} rays need {size.n_bytes / 1e6:.0f} MB: expected at most '
+                f'max_memory_mb = {self.config.max_memory_mb:g}; use fewer scans, a larger '
+                'beam_stride, resolution or cut_sigma'
+            )

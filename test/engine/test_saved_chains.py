@@ -1,0 +1,186 @@
+"""Chains in files: taken up as if nothing had happened; whatever else is there is refused."""
+
+import json
+
+import numpy as np
+import pytest
+from support.small_chains import assert_same, patch_model, sampler_of, small_model
+from support.strategies import fan
+
+from ogm_mcmc.config import ForwardModelConfig, WindowConfig
+from ogm_mcmc.engine.saved_chains import load_chains, save_chains
+from ogm_mcmc.errors import WindowError
+from ogm_mcmc.geometry import PlacedScan, Pose2D
+from ogm_mcmc.sampling import CellModel, RayWindow
+from ogm_mcmc.sampling.gibbs_kernels import PARTS
+from ogm_mcmc.sampling.informed import near
+from ogm_mcmc.sampling.posterior import ARRIVES, SETTLED
+
+
+@pytest.mark.parametrize('sweeps', [0, 3, 30, 200])
+def test_saved_chains_go_on_as_if_nothing_had_happened(tmp_path, sweeps):
+    model = small_model('random')
+    whole, first = sampler_of(model, chains=3), sampler_of(model, chains=3)
+    whole.advance(sweeps + 50)
+    first.advance(sweeps)
+    settings = {'chain.seed': 7, 'model.kind': 'beam'}
+    save_chains(first, tmp_path / 'state.npz', settings)
+    taken_up, found = load_chains(tmp_path / 'state.npz', small_model('random'))
+    assert found == settings
+    assert_same(taken_up, first)
+    taken_up.advance(50)
+    assert_same(taken_up, whole)
+
+
+@pytest.mark.parametrize(('burn_in', 'saved_at'), [(2, 41), (20, 19), (20, 25), (40, 33)])
+def test_what_sweeps_look_at_most_follows_from_the_counts(tmp_path, burn_in, saved_at):
+    """The same after saving, at any sweep, and nothing new between two doublings."""
+    whole, first = (sampler_of(patch_model(), burn_in=burn_in) for _ in range(2))
+    whole.advance(burn_in + 98)
+    first.advance(saved_at)
+    save_chains(first, tmp_path / 'state.npz', {})
+    taken_up, _ = load_chains(tmp_path / 'state.npz', patch_model())
+    taken_up.advance(burn_in + 98 - saved_at)
+    assert_same(taken_up, whole)
+    assert [decided for decided, _ in whole._focus.values()] == [('counted', 8)] * 2
+    for chain, (_, focus) in whole._focus.items():
+        parts = whole.counts[chain].counts[:8].sum(axis=0)
+        mean = (parts / (64.0 * PARTS)).astype(np.float32)
+        moving = np.zeros(whole.model.n_cells, np.bool_)
+        moving[whole.model.touched] = (mean > SETTLED) & (mean < 1.0 - SETTLED)
+        expected = np.flatnonzero(moving & (whole.arrival(mean) >= ARRIVES))
+        some = [
+            np.isin(corner + whole.model._inner, expected).any()
+            for corner in whole.model._places.corners
+        ]
+        active = np.concatenate(focus.active)
+        assert np.array_equal(np.sort(active), whole.model._places.corners[some])
+        shape = whole.model.height, whole.model.width
+        assert np.array_equal(focus.doubted, near(moving.reshape(shape), 1).reshape(-1))
+
+
+def test_states_that_counted_sweeps_are_taken_up(tmp_path):
+    """Of version 1, which counted maps, not parts of them."""
+    first, later = sampler_of(small_model()), sampler_of(small_model())
+    first.advance(60)
+    save_chains(first, tmp_path / 'state.npz', {})
+    with np.load(tmp_path / 'state.npz') as data:
+        content = {name: data[name] for name in data.files}
+    for name in content:
+        if name.startswith('counts'):
+            content[name] = content[name] // PARTS
+    header = json.loads(str(content['header']))
+    content['header'] = np.array(json.dumps({**header, 'version': 1}))
+    np.savez(tmp_path / 'old.npz', **content)
+    taken_up, _ = load_chains(tmp_path / 'old.npz', small_model())
+    taken_up.advance(40)
+    later.advance(100)
+    assert np.array_equal(taken_up.estimate().mean, later.estimate().mean)
+
+
+@pytest.fixture
+def saved(tmp_path):
+    sampler = sampler_of(small_model())
+    sampler.advance(40)
+    save_chains(sampler, tmp_path / 'state.npz', {})
+    return tmp_path / 'state.npz'
+
+
+def refused(path, model=None):
+    with pytest.raises(WindowError) as caught:
+        load_chains(path, model or small_model())
+    message = str(caught.value)
+    assert message.startswith(f'{path}: ')
+    assert 'expected' in message
+    assert '\n' not in message
+    return message
+
+
+@pytest.mark.parametrize('share', [0.0, 0.02, 0.3, 0.7, 0.99])
+def test_a_truncated_file_is_refused(saved, share):
+    content = saved.read_bytes()
+    saved.write_bytes(content[: int(share * len(content))])
+    assert 'expected a saved sampling state' in refused(saved)
+
+
+def test_a_damaged_file_is_refused(saved):
+    """Whatever byte was changed: a clear line, or (in padding and names) no harm."""
+    content = bytearray(saved.read_bytes())
+    rng = np.random.default_rng(3)
+    reasons = []
+    for at in rng.integers(0, len(content), 60):
+        damaged = content.copy()
+        damaged[at] ^= 0xFF
+        saved.write_bytes(damaged)
+        try:
+            load_chains(saved, small_model())
+        except WindowError as error:
+            reasons.append(str(error))
+    assert len(reasons) > 30
+    assert not any('\n' in reason for reason in reasons)
+
+
+def test_other_files_are_refused(tmp_path):
+    assert 'No such file' in refused(tmp_path / 'missing.npz')
+    (tmp_path / 'text.npz').write_text('P5 10 10 255\n')
+    refused(tmp_path / 'text.npz')
+    np.save(tmp_path / 'array.npy', np.zeros(3))
+    refused(tmp_path / 'array.npy')
+    np.savez(tmp_path / 'other.npz', mean=np.zeros(3))
+    refused(tmp_path / 'other.npz')
+    np.savez(tmp_path / 'list.npz', header=np.array('[1, 2]'))
+    refused(tmp_path / 'list.npz')
+    refused(tmp_path)
+
+
+def rewritten(path, header=None, **arrays):
+    with np.load(path) as data:
+        content = {name: data[name] for name in data.files}
+    if header is not None:
+        changed = {**json.loads(str(content['header'])), **header}
+        content['header'] = np.array(json.dumps(changed))
+    np.savez(path, **{**content, **arrays})
+
+
+@pytest.mark.parametrize(
+    'change',
+    [
+        {'header': {'version': 3}},
+        {'header': {'chains': 3}},
+        {'header': {'generators': []}},
+        {'header': {'sweeps': -4}},
+        {'header': {'settling': 1}},
+        {'header': {'settling': 3}},
+        {'header': {'settling': -2}},
+        {'counts_0': np.zeros((16, 2), np.uint16)},
+        {'counts_1': np.zeros((3, 12), np.uint16)},
+        {'counts_0': np.zeros(0)},
+        {'progress_0': np.array([1, 99, 0])},
+        {'progress_1': np.array([1])},
+        {'cells_0': np.zeros(1, np.uint8)},
+    ],
+)
+def test_contents_that_do_not_fit_are_refused(saved, change):
+    """They would be written to out of bounds later."""
+    rewritten(saved, **change)
+    refused(saved)
+
+
+def test_counts_of_more_sweeps_than_there_were_are_refused(saved):
+    with np.load(saved) as data:
+        counts = data['counts_0'].copy()
+    counts[0, 3] = 65535
+    rewritten(saved, counts_0=counts)
+    refused(saved)
+
+
+def test_another_window_is_refused(saved):
+    """Of another size, and of the same size with other readings or other cells."""
+    window = RayWindow(WindowConfig(resolution=0.5), ForwardModelConfig(sigma=0.6))
+    window.add([PlacedScan.at(fan(1.0, range_max_m=3.0), Pose2D(0.3, 0.4))])
+    other = CellModel(window.index, 0.0, window.spec.width)
+    assert 'those of this window' in refused(saved, other)
+    same_size = small_model(reading=1.7)
+    assert same_size.touched.size == small_model().touched.size
+    assert same_size.n_cells == small_model().n_cells
+    assert 'this window' in refused(saved, same_size)
