@@ -11,6 +11,6 @@ source that `pose_choice` finds to cover the scans best; `deskew` bends scans ta
 `recording` keeps what is to be sampled; `posterior` turns settings into a model of the sampler;
 `refinement` samples for as long as there is time; `worker` does so while its node goes on;
 `recorded_map` maps a bag; `prior_learning` counts patches of maps; what is made here is kept in
-files by `saved_map`, `tree_files` and `prior_files`; `warm_up` compiles kernels; `signals` are
-all ways in which they take Ctrl-C and SIGTERM. No module here imports ROS.
+files by `saved_map`, `saved_chains`, `tree_files` and `prior_files`; `warm_up` compiles kernels;
+`signals` are all ways in which they take Ctrl-C and SIGTERM. No module here imports ROS.
 """
