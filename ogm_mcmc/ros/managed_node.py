@@ -107,9 +107,19 @@ class ManagedNode(LifecycleNode):
             self.get_logger().info('waits for ~/change_state (autostart is false)')
             return
         self._starting = True
-        for trigger in (self.trigger_configure, self.trigger_activate):
-            if trigger() != SUCCESS:
-                raise self._failure or OgmError(f'{self.get_name()}: cannot start')
+        try:
+            for trigger in (self.trigger_configure, self.trigger_activate):
+                if trigger() != SUCCESS:
+                    raise self._failure or OgmError(f'{self.get_name()}: cannot start')
+        except BaseException:
+            self.destroy_node()  # nobody else has it yet, and threads may hold on to it
+            raise
+
+    def destroy_node(self) -> None:
+        """Leave the ROS graph: rclpy destroys all but the state machine, which holds the node."""
+        super().destroy_node()
+        # Not by `destroy_when_not_in_use`: one that is asked for its state after that crashes.
+        self.__dict__.pop('_state_machine', None)
 
     # -- states -----------------------------------------------------------------------------
 

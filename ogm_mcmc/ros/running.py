@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import sys
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -81,5 +82,7 @@ def run_node(
         finally:
             if node is not None:
                 node.destroy_node()
+            else:
+                gc.collect()  # half made it is in cycles, and seen for 20 s after `entry.leave`
             rclpy.try_shutdown()
     return 0

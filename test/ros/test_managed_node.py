@@ -150,6 +150,7 @@ def test_a_lifecycle_manager_takes_the_node_through_its_states(user, tmp_path):
         assert user.change(Transition.TRANSITION_ACTIVE_SHUTDOWN)
         assert user.state() == 'finalized'
         assert node.stop() == 0, node.output
+        user.observer.lets_go_of('online_mapper')
     assert 'Traceback' not in node.output, node.output
 
 
@@ -168,6 +169,7 @@ def test_the_refiner_has_the_same_states():
         assert user.change(Transition.TRANSITION_CLEANUP)
         assert user.state() == 'unconfigured'
         assert node.stop() == 0, node.output
+        observer.lets_go_of('refine_server')
     assert 'Traceback' not in node.output, node.output
 
 
@@ -243,6 +245,23 @@ def test_a_node_that_starts_by_itself_ends_where_it_cannot():
         node.kernels.set()
         with pytest.raises(ConfigError, match='no laser'):
             node.until(lambda: False)
+
+
+def test_a_node_that_cannot_start_is_gone_although_its_kernels_are_compiled(monkeypatch):
+    """A signal while it starts; the thread of its kernels holds on to the node."""
+    made = []
+
+    def interrupted(node):
+        made.append(node)
+        observer.until(lambda: 'small' in observer.node.get_node_names(), 10.0)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Small, 'trigger_activate', interrupted)
+    with Observer() as observer:
+        with pytest.raises(KeyboardInterrupt), local_node(Small):
+            pass
+        observer.lets_go_of('small')
+        made[0].kernels.set()
 
 
 def test_a_state_that_somebody_asked_for_does_not_end_the_process():

@@ -140,6 +140,7 @@ def test_pause_and_loop(bag):
             observer.until(lambda: True)
             assert len(received) <= paused + 1
             assert player.stop() == 0, player.output
+            observer.lets_go_of('replay')
     assert 'Traceback' not in player.output
 
 

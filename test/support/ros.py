@@ -119,6 +119,13 @@ class Observer:
         """Handle messages until a condition holds; raises TimeoutError."""
         spin_until(self.executor, condition, timeout_s)
 
+    def lets_go_of(self, name: str, timeout_s: float = 5.0) -> None:
+        """Wait until no node of a name is seen; raises TimeoutError.
+
+        One whose process ends without leaving the graph is seen for 20 s.
+        """
+        self.until(lambda: name not in self.node.get_node_names(), timeout_s)
+
     def call(self, srv_type: Any, name: str, request: Any, timeout_s: float = 120.0) -> Any:
         """Call a service and return its response."""
         client = self.node.create_client(srv_type, name)
