@@ -66,6 +66,8 @@ def parse_yaml(text: str, *, typed: bool = True) -> Any:
         return yaml.load(text, _Typed if typed else _Plain)
     except (yaml.YAMLError, ValueError, TypeError, OverflowError, RecursionError) as error:
         raise ValueError(reason_of(error)) from error
+    except (LookupError, AttributeError) as error:  # PyYAML does not look before it takes apart
+        raise ValueError('a tag such as !!int or !!bool with a value that is none') from error
 
 
 def read_yaml(path: Path, what: str, error: type[OgmError], *, typed: bool = True) -> Any:

@@ -50,7 +50,11 @@ def test_what_is_refused(text, reason, typed):
 
 
 @pytest.mark.parametrize(
-    'text', ['a: ' + '9' * 100_000, 'a: 2001-99-99', '? [a]\n: 1', 'a: !!int x']
+    'text',
+    [
+        *('a: ' + '9' * 100_000, 'a: 2001-99-99', '? [a]\n: 1', 'a: !!int x', 'a: !!int ""'),
+        *('a: !!float ""', 'a: !!bool x', 'a: !!timestamp x', 'a: !!binary \xe9', '!!omap a'),
+    ],
 )
 def test_values_that_cannot_be(text):
     with pytest.raises(ValueError) as caught:  # noqa: PT011 (the reason is PyYAML's)

@@ -69,6 +69,7 @@ WORDS = [
     *('nan', '-inf', '1e999', '-1e308', '5e-324', '1e-400', '9' * 400, '0x10', '1_0', '\u0661'),
     *('', '-', '#', ',', '"', "'", '\0', '\ufeff', '\u2028', '\t', '--1', 'None', 'true'),
     *('<<: *a', '&a', '!!python/object:a', '[[[[', '18446744073709551616', '-9223372036854775809'),
+    *('!!int ""', '!!bool x', '!!timestamp x', '!!str'),
 ]
 
 
@@ -131,6 +132,15 @@ def test_a_pipe_among_the_files_of_a_bag_or_of_a_map(tmp_path):
     with pytest.raises(BagError, match=r'no metadata\.yaml in it'):
         BagReader(tmp_path / 'bag').__enter__()
     os.mkfifo(tmp_path / 'map.yaml')
+    with replacing_set(tmp_path, 'map') as scratch:
+        (scratch / 'map.yaml').write_text('image: map.pgm\n')
+        (scratch / 'map.pgm').write_text('')
+    assert (tmp_path / 'map.yaml').read_text() == 'image: map.pgm\n'
+
+
+@pytest.mark.parametrize('image', ['!!int ""', '!!bool x', '!!timestamp x'])
+def test_a_map_whose_image_is_no_name_is_replaced(tmp_path, image):
+    (tmp_path / 'map.yaml').write_text(f'image: {image}\n')
     with replacing_set(tmp_path, 'map') as scratch:
         (scratch / 'map.yaml').write_text('image: map.pgm\n')
         (scratch / 'map.pgm').write_text('')
