@@ -1,18 +1,22 @@
 """Put a folder in the place of another one: a reader finds the old one or the new one, whole.
 
 Linux can exchange two names at once (renameat2). Where a file system cannot, the old folder
-waits beside its place, under a hidden name, for the moment between two renames; if the process
-is killed in it, the next one that writes there puts the old folder back first.
+waits beside its place, under a hidden name with host and process in it, for the moment between
+two renames; if the process is killed in it, the next one that writes there puts the old folder
+back first. Nobody touches what a living process, or a process of another host, has put there.
 """
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import os
+import re
 import shutil
 from pathlib import Path
 
 from ogm_mcmc.files.output_files import write_through
+from ogm_mcmc.files.processes import host_name, lives
 
 __all__ = ['put_back', 'replace_folder']
 
@@ -33,31 +37,46 @@ def replace_folder(new: Path, path: Path) -> None:
         new.replace(path)
     elif _exchanged(new, path):
         shutil.rmtree(new, ignore_errors=True)
+        _remove_aside(path)
     else:
-        aside = _aside(path)
+        aside = path.with_name(f'{_aside()}{os.getpid()}-{path.name}')
         path.replace(aside)
         try:
             new.replace(path)
         except BaseException:
-            aside.replace(path)
+            with contextlib.suppress(OSError):  # another process has put its own there
+                aside.replace(path)
             raise
         shutil.rmtree(aside, ignore_errors=True)
+        _remove_aside(path)
     write_through(path.parent)
 
 
 def put_back(path: Path) -> None:
-    """Put a folder back that a process was about to replace when it was killed; raises OSError."""
-    aside = _aside(path)
-    if not aside.exists():
-        return
-    if path.exists():  # killed later: the new one is in its place
+    """Put a folder back that a process was about to replace when it was killed.
+
+    Only where nothing is in its place. Raises OSError.
+    """
+    if path.parent.is_dir() and not os.path.lexists(path):
+        for aside in _left_aside(path)[:1]:
+            aside.replace(path)
+
+
+def _remove_aside(path: Path) -> None:
+    """Remove the folders of killed processes that this path has had before."""
+    for aside in _left_aside(path):
         shutil.rmtree(aside, ignore_errors=True)
-    else:
-        aside.replace(path)
 
 
-def _aside(path: Path) -> Path:
-    return path.with_name(f'.{path.name}-before')
+def _left_aside(path: Path) -> list[Path]:
+    """Return the folders put aside for a path by processes of this host that are no more."""
+    pattern = re.compile(re.escape(_aside()) + '([0-9]+)-' + re.escape(path.name))
+    found = ((pattern.fullmatch(name), name) for name in sorted(os.listdir(path.parent)))
+    return [path.with_name(name) for match, name in found if match and not lives(int(match[1]))]
+
+
+def _aside() -> str:
+    return f'.ogm_mcmc_old-{host_name()}-'
 
 
 def _exchanged(one: Path, other: Path) -> bool:

@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import platform
 import re
 import shutil
 import tempfile
@@ -28,6 +27,7 @@ import yaml
 
 from ogm_mcmc.errors import OutputError
 from ogm_mcmc.files.input_files import text_of
+from ogm_mcmc.files.processes import host_name, lives
 from ogm_mcmc.files.user_paths import possible_path
 from ogm_mcmc.files.yaml_files import parse_yaml
 
@@ -152,13 +152,9 @@ def scratch_folder(folder: Path) -> Iterator[Path]:
     """Yield a hidden folder inside of another; remove it in the end, and those of the dead."""
     _remove_leftovers(folder)
     with tempfile.TemporaryDirectory(
-        dir=folder, prefix=f'.ogm_mcmc-{_host()}-{os.getpid()}-', ignore_cleanup_errors=True
+        dir=folder, prefix=f'.ogm_mcmc-{host_name()}-{os.getpid()}-', ignore_cleanup_errors=True
     ) as name:
         yield Path(name)
-
-
-def _host() -> str:
-    return re.sub('[^A-Za-z0-9]', '_', platform.node())[:60]
 
 
 def _remove_leftovers(folder: Path) -> None:
@@ -167,18 +163,8 @@ def _remove_leftovers(folder: Path) -> None:
         names = [entry.name for entry in entries if entry.name.startswith('.ogm_mcmc-')]
     for name in names:
         found = LEFTOVER.fullmatch(name)
-        if found and found['host'] == _host() and not _lives(int(found['pid'])):
+        if found and found['host'] == host_name() and not lives(int(found['pid'])):
             shutil.rmtree(folder / name, ignore_errors=True)
-
-
-def _lives(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    except (OSError, OverflowError):  # somebody else's
-        return True
-    return True
 
 
 def write_through(path: Path) -> None:

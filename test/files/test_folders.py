@@ -1,5 +1,6 @@
 """Folders that take the place of others: killed at any moment, one of both is there, whole."""
 
+import pathlib
 import subprocess
 import sys
 
@@ -72,4 +73,32 @@ def test_who_writes_there_next_puts_back_what_a_killed_process_left(tmp_path):
     for at, place in enumerate(places):
         put_back(place / 'place')
         assert read(place / 'place') == ('old' if at < 2 else 'new')
+        replace_folder(filled(place / 'scratch' / 'next', 'next'), place / 'place')
+        assert read(place / 'place') == 'next'
         assert sorted(one.name for one in place.iterdir()) == ['place', 'scratch']
+
+
+def test_two_that_replace_at_once_leave_one_whole(tmp_path, monkeypatch):
+    path = filled(tmp_path / 'place', 'old')
+
+    def other_comes_first(one, other):
+        other.rename(tmp_path / 'aside of the other')
+        return False
+
+    monkeypatch.setattr(folders, '_exchanged', other_comes_first)
+    with pytest.raises(FileNotFoundError):
+        replace_folder(filled(tmp_path / 'new', 'new'), path)
+
+    def between_two_renames(self, target):
+        renamed = rename(self, target)
+        if self == path:
+            filled(path, 'of the other')
+        return renamed
+
+    rename = pathlib.Path.replace
+    (tmp_path / 'aside of the other').rename(path)
+    monkeypatch.setattr(folders, '_exchanged', lambda one, other: False)
+    monkeypatch.setattr(pathlib.Path, 'replace', between_two_renames)
+    with pytest.raises(OSError, match='not empty'):
+        replace_folder(tmp_path / 'new', path)
+    assert read(path) == 'of the other'

@@ -1,5 +1,6 @@
 """Bags of three kinds, written here and read back by `BagReader`."""
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -10,7 +11,8 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Ros2Writer
 
 from ogm_mcmc.errors import BagError, OutputError
-from ogm_mcmc.files import folders, output_files
+from ogm_mcmc.files import folders
+from ogm_mcmc.files.processes import host_name
 from ogm_mcmc.io import ros_types
 from ogm_mcmc.io.bags import BagReader, BagTopic, BagWriter, typestore
 
@@ -216,7 +218,7 @@ def test_an_old_bag_stays_whole_until_the_new_one_is_in_place(
     replace = Path.replace
 
     def fails(self, target):
-        if Path(target).name.endswith('-before') == (failing == 'old'):
+        if Path(target).name.startswith('.ogm_mcmc_old-') == (failing == 'old'):
             monkeypatch.setattr(Path, 'replace', replace)
             raise OSError(5, 'Input/output error')
         return replace(self, target)
@@ -245,9 +247,10 @@ def test_a_writer_removes_what_a_killed_one_left_and_puts_the_old_bag_back(
     tmp_path, write_bag, recording, make_scan
 ):
     path = write_bag(recording)
-    path.rename(tmp_path / f'.{path.name}-before')  # killed between two renames
     ended = subprocess.run([sys.executable, '-c', 'import os; print(os.getpid())'], stdout=-1)
-    left = tmp_path / f'.ogm_mcmc-{output_files._host()}-{int(ended.stdout)}-abc'
+    of_dead = f'{host_name()}-{int(ended.stdout)}'
+    path.rename(tmp_path / f'.ogm_mcmc_old-{of_dead}-{path.name}')  # killed between two renames
+    left = tmp_path / f'.ogm_mcmc-{of_dead}-abc'
     left.mkdir()
     with pytest.raises(OutputError, match='exists already'):
         BagWriter(path)
@@ -256,6 +259,23 @@ def test_a_writer_removes_what_a_killed_one_left_and_puts_the_old_bag_back(
     with BagWriter(path, overwrite=True) as bag:
         bag.write('/scan', ros_types.SCAN, 1, make_scan(1))
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_writer_leaves_hidden_folders_of_others_alone(tmp_path, write_bag, recording, make_scan):
+    path = write_bag(recording)
+    living = f'.ogm_mcmc_old-{host_name()}-{os.getpid()}-{path.name}'
+    elsewhere = f'.ogm_mcmc_old-{host_name()}x-1-{path.name}'
+    names = {f'.{path.name}-before', living, elsewhere}
+    for name in names:
+        (tmp_path / name).mkdir()
+    with pytest.raises(OutputError, match='exists already'):
+        BagWriter(path)
+    path.rename(tmp_path / 'moved')
+    with BagWriter(path) as bag:
+        bag.write('/scan', ros_types.SCAN, 1, make_scan(1))
+    with BagReader(path) as bag:
+        assert bag.message_count == 1
+    assert {one.name for one in tmp_path.iterdir()} == names | {path.name, 'moved'}
 
 
 def test_writer_refuses_what_exists(tmp_path, write_bag, recording):
