@@ -24,7 +24,7 @@ from ogm_mcmc.errors import LogError, PoseError
 from ogm_mcmc.files.input_files import file_to_read, reason_of
 from ogm_mcmc.geometry import PoseSamples
 from ogm_mcmc.io.carmen_lines import LineParser, LogOdometry, LogScan, fault
-from ogm_mcmc.io.carmen_raw import RawLines, place_raw_scans
+from ogm_mcmc.io.carmen_raw import MAX_GAP_S, RawLines, place_raw_scans
 
 __all__ = ['CarmenLog', 'LogOdometry', 'LogScan', 'particle_weights', 'read_carmen']
 
@@ -101,18 +101,20 @@ def read_carmen(path: Path, field_of_view_rad: float = 0.0) -> CarmenLog:
 
 def _lines(stream: BinaryIO) -> Iterator[bytes]:
     """Yield the lines, whatever ends them; of one that is too long only the beginning."""
-    rest = b''
+    rest, skipping = b'', False
     while piece := stream.readline(LONGEST_LINE + 1):
-        *whole, last = (rest + piece).splitlines(keepends=True)
-        yield from whole
-        too_long = len(piece) > LONGEST_LINE and not piece.endswith(b'\n')
-        rest = last if too_long and whole else b''
-        if rest:
-            continue  # lines that end in a carriage return alone
-        yield last
-        while too_long and len(piece) > LONGEST_LINE and not piece.endswith(b'\n'):
-            piece = stream.readline(LONGEST_LINE + 1)
-    if rest:
+        *whole, rest = (rest + piece).splitlines(keepends=True)
+        if rest.endswith(b'\n'):  # a carriage return waits for what follows it
+            whole, rest = [*whole, rest], b''
+        for line in whole:
+            if not skipping:
+                yield line
+            skipping = False
+        if len(rest) > LONGEST_LINE and not rest.endswith(b'\r'):
+            if not skipping:
+                yield rest
+            rest, skipping = b'', True
+    if rest and not skipping:
         yield rest
 
 
@@ -187,15 +189,25 @@ class _LineReader:
                 f'{log.path}, {log.first_damage} ({log.damaged} of {lines} lines cannot be used)'
             )
         if not scans:
-            raw = f'{len(self.raw.scans)} RAWLASER lines, but no ODOM line at their times'
-            reasons = ([raw] if self.raw.scans else []) + ([log.cut] if log.cut else [])
+            reasons = [why for why in (self.unplaced(), log.cut) if why]
             why = f' ({", ".join(reasons)})' if reasons else ''
             raise LogError(
                 f'{log.path}: no laser line in it{why}: '
-                'expected FLASER, RLASER, ROBOTLASER1 or LASER_READING'
+                'expected FLASER, RLASER, ROBOTLASER1 or LASER_READING, or RAWLASER1 with ODOM'
             )
         if any(scan.particles is not None for scan in scans):
             self.keep_placed()
+
+    def unplaced(self) -> str:
+        """Say why no raw line was of use, if there are any."""
+        if not self.raw.scans:
+            return ''
+        why = (
+            f'none at or between ODOM lines that are at most {MAX_GAP_S:g} s apart and do not jump'
+        )
+        if not any(isinstance(record, LogOdometry) for record in self.log.records):
+            why = 'no ODOM line'
+        return f'{len(self.raw.scans)} RAWLASER lines, but {why}'
 
     def use_raw(self) -> None:
         """Take the lines without a pose, placed by the odometry, for want of others."""

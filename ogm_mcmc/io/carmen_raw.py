@@ -19,7 +19,7 @@ from ogm_mcmc.geometry.pose import interpolate, wrap_angle
 from ogm_mcmc.io.carmen_lines import LineParser, LogOdometry, LogScan, fault
 from ogm_mcmc.io.carmen_times import NS_PER_S, storable_times
 
-__all__ = ['RawLines', 'laser_place', 'place_raw_scans']
+__all__ = ['MAX_GAP_S', 'RawLines', 'laser_place', 'place_raw_scans']
 
 MAX_GAP_S = 2.0
 

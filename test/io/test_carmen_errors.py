@@ -193,6 +193,17 @@ def test_any_line_ends(write_log, monkeypatch, end, longest):
     assert (len(log.records), log.damaged) == (12, 0)
 
 
+@pytest.mark.parametrize('end', ['\n', '\r\n', '\r'])
+@pytest.mark.parametrize('length', [1999, 2000, 2001, 3999, 4000, 4001, 4002, 9000])
+def test_a_line_that_is_too_long_costs_that_line(write_log, monkeypatch, end, length):
+    monkeypatch.setattr('ogm_mcmc.io.carmen.LONGEST_LINE', 2000)
+    path = write_log(FLASER)
+    path.write_bytes(end.join([ODOM, 'X' * length, FLASER, ODOM, '']).encode())
+    log = read_carmen(path)
+    assert (len(log.records), log.damaged) == (3, int(length + len(end) > 2000))
+    assert [scan.line for scan in log.scans] == [3]
+
+
 @pytest.mark.parametrize(('time', 'n_scans'), [('12', 1), ('12.5', 2), ('12.5 host 1', 2)])
 def test_a_last_time_that_lost_digits(write_log, time, n_scans):
     """`12` may be the rest of `12.75`: it would go before all others. Whole, it is a scan."""

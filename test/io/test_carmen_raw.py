@@ -93,11 +93,23 @@ def test_damaged_raw_lines_cost_those_lines(write_log):
     assert 'cut off' in log.first_damage
 
 
-@pytest.mark.parametrize('lines', [[raw(10)], [raw(10), odom(11), raw(12)]])
-def test_without_odometry_there_are_no_poses(write_log, lines):
+FAR = 'but none at or between ODOM lines that are at most 2 s apart and do not jump'
+
+
+@pytest.mark.parametrize(
+    ('lines', 'reason'),
+    [
+        ([raw(10)], 'but no ODOM line'),
+        ([raw(10), odom(11), raw(12)], FAR),
+        ([odom(10), raw(11), odom(13, 1.0)], FAR),
+        ([odom(10), raw(10.5), odom(11, 500.0)], FAR),
+    ],
+)
+def test_without_odometry_there_are_no_poses(write_log, lines, reason):
     with pytest.raises(LogError) as caught:
         read_carmen(write_log(*lines))
-    assert 'RAWLASER lines, but no ODOM line at their times' in str(caught.value)
+    assert f'RAWLASER lines, {reason})' in str(caught.value)
+    assert 'LASER_READING, or RAWLASER1 with ODOM' in str(caught.value)
 
 
 def test_a_field_of_view_gives_raw_lines_angles(write_log):
