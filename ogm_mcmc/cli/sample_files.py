@@ -45,13 +45,16 @@ def write_all(
 ) -> dict[str, str]:
     """Write map, NPZ, entropy, samples and JSON; return the paths by kind.
 
-    PGM and PNG show what is more certain than the prior (`hide_uncertain`); the NPZ holds
-    everything. An old set is replaced as a whole.
+    The NPZ and the entropy have `Refinement.known_map`: nan where data did not move a cell. Its
+    layer `posterior_mean` has all cells that rays came to: behind the first surface the prior
+    alone speaks there, and draws it solid. PGM and PNG show what is more certain than the prior
+    (`hide_uncertain`). An old set is replaced as a whole.
     """
     refinement, settings = sampled.refinement, result['settings']
     assert refinement.sampler is not None
     estimate = refinement.sampler.estimate()
     mean = refinement.map(estimate).cropped()
+    known = _on(mean.spec, refinement.known_map(estimate))
     paths = {kind: folder / f'{name}.{kind}' for kind in ('npz', 'png', 'pgm', 'yaml')}
     paths['entropy'] = folder / f'{name}_entropy.png'
     if sampled.maps:
@@ -72,16 +75,11 @@ def write_all(
     }
     result.update(shape)
     with replacing_set(folder, name, gone) as scratch:
-        layers = _layers(refinement, mean.spec.box)
-        shown = hide_uncertain(
-            _on(mean.spec, refinement.known_map(estimate)),
-            refinement.prior,
-            sampled.margin,
-            estimate.draws,
-        )
+        layers = {'posterior_mean': mean.probability, **_layers(refinement, mean.spec.box)}
+        shown = hide_uncertain(known, refinement.prior, sampled.margin, estimate.draws)
         write_map(shown, scratch, output, name)
-        save_npz(mean, scratch / f'{name}.npz', settings, layers)
-        entropy = heat_png(entropy_bits(mean.probability), 1.0)
+        save_npz(known, scratch / f'{name}.npz', settings, layers)
+        entropy = heat_png(entropy_bits(known.probability), 1.0)
         (scratch / paths['entropy'].name).write_bytes(entropy)
         if sampled.maps:
             maps = _unpacked(sampled, mean)

@@ -62,7 +62,8 @@ def test_all_files_tell_the_same(sample, tmp_path):
     # A few beams of a scan are lost.
     assert 0.99 < result['rays'] / (1158 * 15) <= 1.0
     with np.load(out / 'map.npz') as data:
-        mean, mcse, r_hat = data['probability'], data['mcse'], data['r_hat']
+        mean, mcse, r_hat = data['posterior_mean'], data['mcse'], data['r_hat']
+        known = data['probability']
         assert yaml.safe_load(str(data['settings'])) == result['settings']
     assert result['settings']['chain.seed'] == 1
     assert result['agreeing_share'] is None  # there is no rule to agree by
@@ -72,6 +73,11 @@ def test_all_files_tell_the_same(sample, tmp_path):
     assert np.array_equal(np.isnan(mcse), ~touched)
     assert np.nanmax(mcse) < 0.5
     assert np.nanmin(r_hat) > 0.9
+    # The map itself is told where data moved it, as the node shows it.
+    told = np.isfinite(known)
+    assert np.array_equal(known[told], mean[told])
+    assert 1000 < told.sum() < touched.sum()
+    assert (known > 0.5).sum() > 200
     shown = load_map(out / 'map.yaml').probability
     # Prior 0.15, margin 0.05: known from a certainty of 0.9 on, where so many draws of the prior
     # would seldom be so far from it: two chains, 64 sweeps and two for every second sample.
