@@ -29,6 +29,10 @@ ENOUGH_READINGS = 20
 
 UNSURE_RAD = math.radians(0.5)
 
+# A choice made before stays while the data are within this factor of what decides: each change
+# moves the map and begins chains anew.
+CLEARLY = 1.5
+
 
 class PosesChoice(NamedTuple):
     """Whether poses of some scans are estimated, and why (empty where that was asked for)."""
@@ -38,12 +42,18 @@ class PosesChoice(NamedTuple):
 
 
 def choose_joint(
-    scans: Sequence[PlacedScan], config: PosesConfig, resolution_m: float
+    scans: Sequence[PlacedScan],
+    config: PosesConfig,
+    resolution_m: float,
+    before: bool | None = None,
 ) -> PosesChoice:
     """Decide `poses: auto` for scans, whose map has cells of that side.
 
     Joint, where beliefs say that they are unsure by more than half a cell or half a degree
     (medians), and scans have enough readings to know better (median of `ENOUGH_READINGS`).
+    What was chosen `before` stays until beliefs speak against it by a factor `CLEARLY`; joint
+    poses stay until readings are too few by as much. Where no belief says anything, poses are
+    fixed, whatever they were before.
     """
     if config.poses != 'auto':
         return PosesChoice(config.joint)
@@ -53,9 +63,10 @@ def choose_joint(
     place_m, turn_rad = np.median(np.array(deviations), axis=0)
     readings = int(np.median([np.count_nonzero(one.scan.measured()) for one in scans]))
     said = f'{100.0 * place_m:.1f} cm and {math.degrees(turn_rad):.2f} degrees unsure'
-    if place_m <= 0.5 * resolution_m and turn_rad <= UNSURE_RAD:
+    factor = 1.0 if before is None else 1.0 / CLEARLY if before else CLEARLY
+    if place_m <= factor * 0.5 * resolution_m and turn_rad <= factor * UNSURE_RAD:
         return PosesChoice(False, f'poses fixed: the localizer is only {said}')
-    if readings < ENOUGH_READINGS:
+    if readings < (ENOUGH_READINGS / CLEARLY if before else ENOUGH_READINGS):
         return PosesChoice(False, f'poses fixed: {readings} readings a scan are too few')
     return PosesChoice(True, f'poses joint: the localizer is {said}, {readings} readings a scan')
 
@@ -183,6 +194,18 @@ class KeptPoses:
         self.refinement: PoseRefinement | None = None
         self.placed: list[PlacedScan] = []
         self.trajectory: RefinedTrajectory | None = None
+        self.joint: bool | None = None  # as chosen last
+
+    def choose(self, scans: Sequence[PlacedScan], resolution_m: float) -> PosesChoice:
+        """Decide whether poses of scans are estimated: as before, unless that is clearly wrong.
+
+        Where they are not, no trajectory of before is left.
+        """
+        choice = choose_joint(scans, self.config, resolution_m, self.joint)
+        self.joint = choice.joint
+        if not choice.joint:
+            self.trajectory = None
+        return choice
 
     def take(self, scans: Sequence[PlacedScan]) -> PoseRefinement:
         """Return what refines the poses of these scans; that of before where they are the same."""
@@ -198,8 +221,9 @@ class KeptPoses:
         self.placed, self.trajectory = self.refinement.placed(), self.refinement.trajectory()
 
     def forget(self) -> None:
-        """Leave no poses of before."""
+        """Leave no poses of before, and no choice."""
         self.scans, self.refinement, self.placed, self.trajectory = (), None, [], None
+        self.joint = None
 
 
 def _deviations(covariances: Float64Array) -> Float64Array:

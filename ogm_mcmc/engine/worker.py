@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 from ogm_mcmc.arrays import Float64Array
 from ogm_mcmc.config import PosesConfig, SamplerConfig, StopConfig
-from ogm_mcmc.engine.joint_poses import KeptPoses, RefinedTrajectory, choose_joint
+from ogm_mcmc.engine.joint_poses import KeptPoses, RefinedTrajectory
 from ogm_mcmc.engine.kept_samples import MOST_SAMPLES, KeptSamples
 from ogm_mcmc.engine.no_returns import NoReturnChoice
 from ogm_mcmc.engine.odometry import OdometryAt, said_odometry
@@ -299,12 +299,10 @@ class RefineWorker:
 
     def _are_joint(self, scans: Sequence[PlacedScan]) -> bool:
         """Return whether poses are estimated; where not, none are left from before."""
-        choice = choose_joint(scans, self._poses.config, self.config.window.resolution)
+        choice = self._poses.choose(scans, self.config.window.resolution)
         if choice.why and choice.joint != self._said_joint:
             self.log(choice.why)
             self._said_joint = choice.joint
-        if not choice.joint:
-            self._poses.trajectory = None
         return choice.joint
 
     def _refine_poses(self, order: _Order) -> Sequence[PlacedScan]:

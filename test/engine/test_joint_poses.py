@@ -5,8 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from ogm_mcmc.config import PosesConfig
-from ogm_mcmc.engine.joint_poses import choose_joint
+from ogm_mcmc.config import PosesConfig, SamplerConfig, WindowConfig
+from ogm_mcmc.engine.joint_poses import KeptPoses, choose_joint
+from ogm_mcmc.engine.worker import RefineWorker
 from ogm_mcmc.geometry import PlacedScan, Pose2D, PoseBelief, PoseSamples, Scan
 
 CELL = 0.1
@@ -46,3 +47,47 @@ def test_poses_are_estimated_where_the_localizer_is_unsure(scans, joint, why):
 def test_particles_say_how_sure_they_are():
     cloud = PoseSamples.checked(np.array([(-0.2, 0.0, 0.0), (0.2, 0.0, 0.0)]))
     assert choose_joint(placed(None, particles=cloud), PosesConfig('auto'), CELL).joint
+
+
+@pytest.mark.parametrize(
+    ('first', 'stays', 'turns'),
+    [
+        (spread(0.06, 0.1), spread(0.04, 0.1), spread(0.03, 0.1)),  # m: 0.05 / 1.5
+        (spread(0.01, 0.6), spread(0.01, 0.4), spread(0.01, 0.3)),  # degrees: 0.5 / 1.5
+        (spread(0.04, 0.1), spread(0.07, 0.7), spread(0.08, 0.1)),
+        (spread(0.04, 0.1), spread(0.07, 0.7), spread(0.01, 0.8)),
+    ],
+)
+def test_a_choice_stays_until_beliefs_clearly_speak_against_it(first, stays, turns):
+    """Else it flips near the threshold, and every flip moves the map and begins chains anew."""
+    kept = KeptPoses(PosesConfig('auto'), None)
+    chosen = kept.choose(placed(first), CELL).joint
+    for _ in range(3):
+        assert choose_joint(placed(stays), PosesConfig('auto'), CELL).joint != chosen
+        assert kept.choose(placed(stays), CELL).joint == chosen
+        assert kept.choose(placed(first), CELL).joint == chosen
+    assert kept.choose(placed(turns), CELL).joint != chosen
+    assert kept.choose(placed(stays), CELL).joint != chosen
+    kept.forget()
+    assert kept.choose(placed(first), CELL).joint == chosen
+
+
+def test_joint_poses_stay_with_somewhat_fewer_readings():
+    kept = KeptPoses(PosesConfig('auto'), None)
+    found = [
+        kept.choose(placed(spread(0.3, 5.0), beams=beams), CELL).joint
+        for beams in (19, 20, 19, 14, 13, 19, 20)
+    ]
+    assert found == [False, True, True, True, False, False, True]
+
+
+def test_a_worker_keeps_its_choice():
+    config = SamplerConfig(window=WindowConfig(resolution=CELL))
+    said = []
+    worker = RefineWorker(config, PosesConfig('auto'), log=said.append)
+    try:
+        sigmas = (0.06, 0.04, 0.06, 0.04)
+        assert [worker._are_joint(placed(spread(s, 0.1))) for s in sigmas] == [True] * 4
+    finally:
+        worker.close()
+    assert len(said) == 1
