@@ -83,16 +83,6 @@ class TfPoses:
     def clear(self) -> None:
         """Keep what the tree holds: it is not ours alone (`PoseSource`)."""
 
-    def mount_of(self, sensor_frame: str, stamp_ns: int) -> SensorMount | None:
-        """Return where a sensor sits on the base at a stamp; None where tf does not say.
-
-        Raises PoseError for a sensor that is not level with the base.
-        """
-        try:
-            return self.mount_at(sensor_frame, stamp_ns)
-        except TransformError:
-            return None
-
     def mount_at(self, sensor_frame: str, stamp_ns: int) -> SensorMount:
         """Return where a sensor sits on the base at a stamp.
 

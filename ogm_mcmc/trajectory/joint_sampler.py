@@ -26,7 +26,7 @@ what others saw of the same walls: this is exact, not fast. See the note in the 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple, Protocol
 
@@ -323,14 +323,6 @@ class JointPosterior:
         owner = np.where(moving[first], stretch[first], stretch[second])
         np.add.at(ratio, owner, between)
         return np.asarray(ratio, np.float64)
-
-    def chain_of(
-        self, rng: Generator, state: JointState, rounds: int, *, sweeps: int = 1, tries: int = 1
-    ) -> Iterator[tuple[JointState, float]]:
-        """Yield the state and the accepted share after every round."""
-        for _ in range(rounds):
-            state, share = self.advance(rng, state, sweeps=sweeps, tries=tries)
-            yield state, share
 
 
 def split_r_hat(draws: AnyArray) -> Float64Array:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ogm_mcmc.arrays import AnyArray, Float64Array, Int64Array
+from ogm_mcmc.arrays import AnyArray, BoolArray, Float64Array, Int64Array
 from ogm_mcmc.trajectory.points import wrapped
 
 __all__ = ['Moves', 'jacobians', 'relative_poses']
@@ -41,7 +41,8 @@ class Moves(NamedTuple):
     first, with `precision` (M, 3, 3).
 
     `source` (M,) is a number for whoever told it; `freedom` are the degrees of freedom of the
-    Student distribution of its error, inf for a normal one.
+    Student distribution of its error, inf for a normal one: one number, or (S,), one
+    of each source.
     """  # noqa: D205
 
     first: Int64Array
@@ -49,7 +50,7 @@ class Moves(NamedTuple):
     move: Float64Array
     precision: Float64Array
     source: Int64Array
-    freedom: float = math.inf
+    freedom: float | Float64Array = math.inf
 
     @classmethod
     def none(cls) -> Moves:
@@ -96,7 +97,7 @@ class Moves(NamedTuple):
         )
 
     def and_those(self, others: Moves) -> Moves:
-        """Return these moves and others, which are of further sources; tails are these' own."""
+        """Return these moves and others, which are of further sources; each keeps its tails."""
         source = np.concatenate((self.source, others.source + self.n_sources))
         return Moves(
             np.concatenate((self.first, others.first)),
@@ -104,8 +105,18 @@ class Moves(NamedTuple):
             np.concatenate((self.move, others.move)),
             np.concatenate((self.precision, others.precision)),
             source,
-            self.freedom,
+            np.concatenate((self._freedoms(), others._freedoms())),
         )
+
+    def _freedoms(self) -> Float64Array:
+        """Return the degrees of freedom of every source (S,)."""
+        return np.broadcast_to(np.asarray(self.freedom, np.float64), (self.n_sources,))
+
+    def _tails(self) -> tuple[BoolArray, Float64Array]:
+        """Return whether moves (M,) are normal, and their degrees of freedom, 1 if so."""
+        freedom = self._freedoms()[self.source]
+        normal = np.isinf(freedom)
+        return normal, np.where(normal, 1.0, freedom)
 
     @property
     def n_sources(self) -> int:
@@ -123,16 +134,15 @@ class Moves(NamedTuple):
     def log_densities(self, poses: Float64Array) -> Float64Array:
         """Return what each move (M,) says of poses (K, 3), nats, up to a constant."""
         squares = self.squares(self.errors(poses))
-        if math.isinf(self.freedom):
-            return -0.5 * squares
-        result: Float64Array = -0.5 * (self.freedom + 3.0) * np.log1p(squares / self.freedom)
-        return result
+        normal, freedom = self._tails()
+        heavy = (freedom + 3.0) * np.log1p(squares / freedom)
+        return np.asarray(-0.5 * np.where(normal, squares, heavy), np.float64)
 
     def weights(self, squares: Float64Array) -> Float64Array:
-        """Return how much moves (M,) count for their squared errors: 1 for all, if normal."""
-        if math.isinf(self.freedom):
-            return np.ones_like(squares)
-        return np.asarray((self.freedom + 3.0) / (self.freedom + squares), np.float64)
+        """Return how much moves (M,) count for their squared errors: 1 for those normal."""
+        normal, freedom = self._tails()
+        heavy = (freedom + 3.0) / (freedom + squares)
+        return np.asarray(np.where(normal, 1.0, heavy), np.float64)
 
     def scaled(self, scales: AnyArray) -> Moves:
         """Return moves with so many times (number of sources,) the covariances."""

@@ -278,8 +278,3 @@ class TrajectoryRefinement:
             PoseBelief(pose, covariance if self.covariances_known else None)
             for pose, covariance in zip(self.trajectory(), self.covariances(), strict=True)
         ]
-
-    def drawn_trajectories(self) -> Float64Array:
-        """Return the draws (S, K, 3) of all poses together."""
-        deviations = np.array(self.deviations).reshape(-1, *self.poses.shape)
-        return wrapped(self.poses + deviations)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ogm_mcmc.trajectory.moves import HEAVY_TAILS, LEAST_SCALE, Moves, relative_poses
+from ogm_mcmc.trajectory.moves import CAUTION, HEAVY_TAILS, LEAST_SCALE, Moves, relative_poses
 from ogm_mcmc.trajectory.points import wrapped
 
 ORDER = np.arange(300)
@@ -35,6 +35,21 @@ def test_far_off_a_student_move_says_little_and_near_by_what_a_normal_one_says()
     assert heavy.log_densities(away) == pytest.approx(-3.0 * np.log1p(100.0 / 3.0))
 
 
+def likeliest_scale(moves: Moves, poses: np.ndarray, caution: float) -> float:
+    """Return the scale under which moves between known poses are likeliest, among many.
+
+    With them so many more that fit a scale of 1, of weight 1.
+    """
+    tried = np.geomspace(0.1, 20.0, 400)
+    said = [
+        moves.scaled(np.array([scale])).log_densities(poses).sum()
+        - 1.5 * moves.first.size * np.log(scale)
+        - 1.5 * caution * (np.log(scale) + 1.0 / scale)
+        for scale in tried
+    ]
+    return float(tried[int(np.argmax(said))])
+
+
 @pytest.mark.parametrize('times', [1.0, 3.0])
 def test_poses_that_are_known_show_how_good_moves_are(times: float) -> None:
     truth = walked()
@@ -48,8 +63,13 @@ def test_poses_that_are_known_show_how_good_moves_are(times: float) -> None:
     for _ in range(30):
         scales = moves.shown_scales(truth, sure, scales)
     # Of normal errors the scale of a Student distribution is a little smaller.
-    assert 0.5 * times**2 < max(scales[0], 0.75) < 1.1 * times**2
-    assert scales[0] >= LEAST_SCALE
+    assert 0.5 * times**2 < likeliest_scale(moves, truth, 0.0) < times**2
+    likeliest = likeliest_scale(moves, truth, CAUTION)
+    if times == 1.0:  # no source is surer than it says
+        assert likeliest < 1.0
+        assert scales[0] == LEAST_SCALE
+    else:
+        assert scales[0] == pytest.approx(likeliest, rel=0.01)
 
 
 def test_poses_that_nothing_else_tells_of_leave_scales_as_they_are() -> None:
@@ -77,6 +97,28 @@ def test_sources_keep_scales_of_their_own() -> None:
     scaled = both.scaled(scales)
     np.testing.assert_allclose(scaled.precision[0] * scales[0], both.precision[0])
     np.testing.assert_allclose(scaled.precision[-1] * scales[1], both.precision[-1])
+
+
+@pytest.mark.parametrize('turned', [False, True])
+def test_sources_keep_tails_of_their_own(turned: bool) -> None:
+    """Normal moves stay normal beside those of a localizer, and its own stay heavy."""
+    poses = np.array([(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)])
+    heavy = Moves.of_localizer(poses, np.arange(2))
+    normal = Moves.of_odometry(poses, np.arange(2), share=0.0, least=(0.1, 0.1, 0.1))
+    pair = (normal, heavy) if turned else (heavy, normal)
+    both = Moves.none().and_those(pair[0]).and_those(pair[1])
+    away = poses + np.array([(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)])
+    alone = [float(one.log_densities(away)[0]) for one in pair]
+    assert both.log_densities(away) == pytest.approx(alone)
+    squares = np.array([0.0, 4.0])
+    expected = [one.weights(squares[[k]])[0] for k, one in enumerate(pair)]
+    assert both.weights(squares) == pytest.approx(expected)
+    assert both.scaled(np.array([2.0, 3.0])).log_densities(away) == pytest.approx(
+        [
+            one.scaled(np.array([s])).log_densities(away)[0]
+            for one, s in zip(pair, (2, 3), strict=True)
+        ]
+    )
 
 
 def test_scans_without_odometry_have_no_moves() -> None:
