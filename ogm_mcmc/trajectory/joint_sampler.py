@@ -100,7 +100,7 @@ class ShareLadder:
     """Values that the shares of clutter and of missing returns may have, in rising order.
 
     Their prior is Beta(1, `seen_before` - 1), as if so many beams had been right, for each value
-    by as much of the ladder as it stands for: half way to its neighbours.
+    by as much of the ladder as it stands for: half way to its neighbours, one for either end.
     """
 
     values: tuple[float, ...] = (0.001, 0.002, 0.005, 0.01, 0.02, 0.03, 0.05, 0.07, 0.1, 0.14, 0.2)
@@ -116,7 +116,9 @@ class ShareLadder:
     def log_priors(self) -> Float64Array:
         """Return the log-probability of every value, up to a constant."""
         values = np.asarray(self.values, np.float64)
-        return (self.seen_before - 2.0) * np.log1p(-values) + np.log(np.gradient(values))
+        gaps = np.diff(values, prepend=values[0], append=values[-1])  # 0 beyond either end
+        stands_for = 0.5 * (gaps[:-1] + gaps[1:])
+        return (self.seen_before - 2.0) * np.log1p(-values) + np.log(stands_for)
 
 
 class JointState(NamedTuple):

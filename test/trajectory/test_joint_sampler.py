@@ -1,6 +1,7 @@
 """Maps and poses together: a tiny world in which every map and every pose can be counted."""
 
 import itertools
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -30,8 +31,10 @@ MODEL = ForwardModelConfig(sigma=0.15, clutter=0.2, missing=0.05)
 WINDOW = WindowConfig(resolution=CELL, no_return='ignore', max_range=0.9, cut_sigma=0.0)
 CHAIN = ChainConfig(prior=0.3)
 REACH = 0.9
-# Clutter and missing returns; the prior says little, so that all steps are visited.
+# Clutter and missing returns.
 LADDER = ShareLadder((0.05, 0.2, 0.45), seen_before=3.0)
+# Beta(1, 2) times half way to the neighbours on either side, by hand.
+LADDER_PRIOR = (0.95 * 0.075, 0.8 * 0.2, 0.55 * 0.125)
 
 
 class Jumps:
@@ -116,10 +119,11 @@ def test_chains_visit_maps_and_poses_as_often_as_they_are_probable(with_move: bo
     poses = np.array([(PLACES[0], 0.1, 0.0), (PLACES[1], 0.1, 0.0)])
     state = model.start(np.zeros(WIDTH * HEIGHT, np.uint8), poses)
     rounds, places, cells = 1000, np.zeros((3, 3)), np.zeros(WIDTH)
-    for now, _ in model.chain_of(rng, state, rounds):
-        at = [int(np.argmin(np.abs(PLACES - x))) for x in now.poses[:, 0]]
+    for _ in range(rounds):
+        state, _ = model.advance(rng, state)
+        at = [int(np.argmin(np.abs(PLACES - x))) for x in state.poses[:, 0]]
         places[at[0], at[1]] += 1.0
-        cells += now.cells
+        cells += state.cells
     expected_places, expected_cells = np.zeros((3, 3)), np.zeros(WIDTH)
     for (occupied, at_), p in exact.items():
         expected_places[at_] += p
@@ -155,9 +159,10 @@ def test_ratios_of_moves_are_those_of_the_enumerated_posterior(with_move: bool) 
 def test_what_a_state_says_of_its_scans_stays_true() -> None:
     model, rng = posterior(with_move=True), np.random.default_rng(3)
     state = model.start(np.zeros(WIDTH, np.uint8), model.factors.mean)
-    for now, _ in model.chain_of(rng, state, 20):
-        expected = model.log_likelihoods(now.cells, now.poses)
-        np.testing.assert_allclose(now.log_likelihoods, expected, atol=1e-6)
+    for _ in range(20):
+        state, _ = model.advance(rng, state)
+        expected = model.log_likelihoods(state.cells, state.poses)
+        np.testing.assert_allclose(state.log_likelihoods, expected, atol=1e-6)
 
 
 def test_a_pose_whose_rays_leave_the_box_is_impossible() -> None:
@@ -222,10 +227,14 @@ def with_shares(
 ) -> dict[tuple[tuple[int, ...], tuple[int, int], int, int], float]:
     """Enumerate maps, places of both scans, and steps of clutter and of missing."""
     weights = {}
+    of_places = {
+        places: known.log_density(np.array([(PLACES[at], 0.1, 0.0) for at in places]))
+        for places in itertools.product(range(len(PLACES)), repeat=2)
+    }
     for steps in itertools.product(range(3), repeat=2):
         clutter, missing = (LADDER.values[step] for step in steps)
         forward = ForwardModel.from_config(replace(MODEL, clutter=clutter, missing=missing))
-        prior = LADDER.log_priors()[list(steps)].sum()
+        prior = sum(np.log(LADDER_PRIOR[step]) for step in steps)
         hits = {
             (x, reading, hit): forward.log_likelihood(float(np.float32(reading)), REACH, hit)
             for x in PLACES
@@ -233,20 +242,62 @@ def with_shares(
             for hit in {first_hit(c, x) for c in itertools.product((0, 1), repeat=WIDTH)}
         }
         for cells in itertools.product((0, 1), repeat=WIDTH):
-            for places in itertools.product(range(len(PLACES)), repeat=2):
-                poses = np.array([(PLACES[place], 0.1, 0.0) for place in places])
-                log_p = CHAIN.prior_log_odds * sum(cells) + known.log_density(poses) + prior
-                for (x, _, _), reading in zip(poses, READINGS, strict=True):
+            for places, of_poses in of_places.items():
+                log_p = CHAIN.prior_log_odds * sum(cells) + of_poses + prior
+                for x, reading in zip(PLACES[list(places)], READINGS, strict=True):
                     log_p += hits[x, reading, first_hit(cells, x)]
                 weights[cells, places, *steps] = float(np.exp(log_p))
     total = sum(weights.values())
     return {state: weight / total for state, weight in weights.items()}
 
 
-def test_steps_of_sensor_shares_leave_the_enumerated_posterior_as_it_is(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """Ratios are those of the enumerated posterior, and steps visit the ladder as it says."""
+def test_a_value_of_the_ladder_stands_for_what_lies_half_way_to_its_neighbours() -> None:
+    found = LADDER.log_priors()
+    np.testing.assert_allclose(found - found[0], np.log(LADDER_PRIOR) - np.log(LADDER_PRIOR[0]))
+
+
+GRID = list(itertools.product(range(3), repeat=2))  # steps of clutter, of missing
+
+
+class Scripted:
+    """Numbers that are drawn one after the other, all of them."""
+
+    def __init__(self, numbers: list[float]) -> None:
+        self.numbers = numbers
+
+    def random(self) -> float:
+        return self.numbers.pop(0)
+
+
+def branches(
+    start: tuple[int, int], weight: dict[tuple[int, int], float]
+) -> Iterator[tuple[list[float], tuple[int, int], float]]:
+    """Yield all that Metropolis steps of clutter, then of missing, can do, by hand.
+
+    The numbers to draw for it, where it ends, and how probable it is. What decides lies within a
+    thousandth of where the acceptance turns.
+    """
+    for ways in itertools.product((1, -1), repeat=2):
+        paths: list[tuple[list[float], tuple[int, int], float]] = [([], start, 1.0)]
+        for which, way in enumerate(ways):
+            longer = []
+            for numbers, at, p in paths:
+                drawn = [*numbers, 0.4999 if way > 0 else 0.5]
+                to = (at[0] + way, at[1]) if which == 0 else (at[0], at[1] + way)
+                if to not in weight:
+                    longer.append((drawn, at, 0.5 * p))
+                    continue
+                accepted = min(1.0, weight[to] / weight[at])
+                longer.append(([*drawn, 1.0 - 0.999 * accepted], to, 0.5 * p * accepted))
+                if accepted < 1.0:
+                    refused = 1.0 - min(1.001 * accepted, 0.5 + 0.5 * accepted)
+                    longer.append(([*drawn, refused], at, 0.5 * p * (1.0 - accepted)))
+            paths = longer
+        yield from paths
+
+
+def test_steps_of_sensor_shares_leave_the_enumerated_posterior_as_it_is() -> None:
+    """Ratios are those of the enumerated posterior, and pi P = pi of the steps, all of them."""
     model = posterior(with_move=True, ladder=LADDER)
     exact = with_shares(model.factors)
     rng = np.random.default_rng(6)
@@ -254,24 +305,21 @@ def test_steps_of_sensor_shares_leave_the_enumerated_posterior_as_it_is(
     for k in rng.choice(len(states), 4):
         cells, places = states[k]
         poses = np.array([(PLACES[at], 0.1, 0.0) for at in places])
-        grid = list(itertools.product(range(3), repeat=2))
-        found = [
-            model.log_posterior(model.start(np.array(cells, np.uint8), poses, steps))
-            for steps in grid
-        ]
-        pi = np.array([exact[(cells, places, *steps)] for steps in grid])
+        known = [model.start(np.array(cells, np.uint8), poses, steps) for steps in GRID]
+        pi = np.array([exact[(cells, places, *steps)] for steps in GRID])
+        found = [model.log_posterior(one) for one in known]
         np.testing.assert_allclose(np.diff(found), np.diff(np.log(pi)), atol=1e-5)
-    draws = 8000
-    counts = np.zeros((3, 3))
-    known = {steps: model.start(np.array(cells, np.uint8), poses, steps) for steps in grid}
-    density = {steps: model.log_posterior(one) for steps, one in known.items()}
-    monkeypatch.setattr(model, 'start', lambda cells, poses, steps: known[steps])
-    monkeypatch.setattr(model, 'log_posterior', lambda state: density[state.shares])
-    state = known[0, 2]
-    for _ in range(draws):
-        state = model.move_shares(rng, state)
-        counts[state.shares] += 1.0 / draws
-    np.testing.assert_allclose(counts, pi.reshape(3, 3) / pi.sum(), atol=0.05)
+    weight = dict(zip(GRID, pi, strict=True))
+    transitions = np.zeros((9, 9))
+    for row, one in enumerate(known):
+        for numbers, end, p in branches(one.shares, weight):
+            script = Scripted(list(numbers))
+            moved = model.move_shares(script, one)  # type: ignore[arg-type]
+            assert (moved.shares, script.numbers) == (end, [])
+            transitions[row, GRID.index(moved.shares)] += p
+    np.testing.assert_allclose(transitions.sum(axis=1), 1.0)
+    np.testing.assert_allclose(pi @ transitions, pi)
+    assert (np.linalg.matrix_power(transitions, 4) > 0.0).all()  # and come everywhere
 
 
 def test_shares_stay_where_they_are_given() -> None:
