@@ -31,7 +31,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ogm_mcmc.arrays import AnyArray, BoolArray, Int64Array
-from ogm_mcmc.config import ForwardModelConfig, MapperConfig, SamplerConfig
+from ogm_mcmc.config import ForwardModelConfig, MapperConfig, SamplerConfig, WindowConfig
 from ogm_mcmc.errors import WindowError
 from ogm_mcmc.geometry import CellBox, HeldRays, PlacedScan, Rays, cast_rays
 from ogm_mcmc.mapping.counting import CountingMapper
@@ -117,7 +117,85 @@ def fit_sensor(
     given, window = config.model, config.window
     if config.chain.sensor == 'given' or given.kind != 'beam' or given.short > 0.0:
         return given, None
+    mapper, cast = _mapped(scans, window)
+    seen = _Seen.of(mapper, math.ceil(2.0 * given.sigma / window.resolution))
+    confirmed = contradicted = met_solid = lost = without = 0
+    every = max(1, sum(int(np.isinf(scan.scan.ranges_m).sum()) for scan in scans) // MOST_MISSING)
+    for rays in cast:
+        if rays.n_rays == 0:
+            continue
+        right, wrong, solid = seen.judged(rays)
+        confirmed, contradicted, met_solid = (
+            confirmed + right,
+            contradicted + wrong,
+            met_solid + solid,
+        )
+        unseen = np.flatnonzero(rays.hit[: rays.n_rays] != 1)
+        looked_at = unseen[(without + 1 + np.arange(unseen.size)) % every == 0]
+        without += unseen.size
+        lost += every * seen.met_by(rays, looked_at)
+    clutter = Share.of(contradicted, confirmed + contradicted)
     clears = window.no_return == 'clear'
+    missing = Share.of(lost, met_solid + lost) if clears else None
+    model = replace(
+        given,
+        clutter=max(clutter.mean, LEAST_SHARE),
+        missing=given.missing if missing is None else max(missing.mean, LEAST_SHARE),
+    )
+    return model, SensorNumbers(clutter, missing)
+
+
+class _Seen(NamedTuple):
+    """What beams say of cells (height, width) of a box.
+
+    misses  how many passed through; beside: how many ended in it or near; solid: whether it
+            stops beams
+    """
+
+    box: CellBox
+    misses: Int64Array
+    beside: Int64Array
+    solid: BoolArray
+
+    @classmethod
+    def of(cls, mapper: CountingMapper, reach: int) -> _Seen:
+        """Return what was counted around all that was hit; near is within `reach` cells.
+
+        Beams reach further than anything that they met, and most of what lies there is of no use.
+        """
+        box = _box_of_hits(mapper)
+        hits, misses = (counts.astype(np.int64) for counts in mapper.counts(box))
+        solid = (hits >= ENDED) & (hits >= ENDED_PER_PASSED * misses)
+        return cls(box, misses, _sum_around(hits, reach), solid)
+
+    def corner(self, rays: Rays) -> tuple[int, int]:
+        """Return where the cells of rays begin in the box."""
+        return rays.column - self.box.column0, rays.row - self.box.row0
+
+    def judged(self, rays: Rays) -> tuple[int, int, int]:
+        """Count readings that others confirm, that others contradict, that end in solid cells."""
+        ended = rays.hit[: rays.n_rays] == 1
+        corner = self.corner(rays)
+        column, row = (
+            np.floor(rays.ends[axis, : rays.n_rays][ended]).astype(np.int64) + corner[axis]
+            for axis in (0, 1)
+        )
+        others = self.beside[row, column] - 1
+        passed = self.misses[row, column]
+        against = (passed >= PASSED) & (passed >= PASSED_PER_CONFIRMED * others)
+        confirmed = (others > 0) & ~against
+        counts = (np.count_nonzero(one) for one in (confirmed, against, self.solid[row, column]))
+        right, wrong, solid = map(int, counts)
+        return right, wrong, solid
+
+    def met_by(self, rays: Rays, which: Int64Array) -> int:
+        """Count those rays `which` (N,) that pass a solid cell before their end."""
+        met = _meets(self.solid, self.corner(rays), (rays.x, rays.y), rays.ends[:, which])
+        return int(np.count_nonzero(met))
+
+
+def _mapped(scans: Sequence[PlacedScan], window: WindowConfig) -> tuple[CountingMapper, HeldRays]:
+    """Return a map that counts all beams, and their rays."""
     mapper = CountingMapper(
         MapperConfig(
             method='counting',
@@ -126,6 +204,7 @@ def fit_sensor(
             no_return=window.no_return,
         )
     )
+    clears = window.no_return == 'clear'
     cast = HeldRays(
         scans,
         lambda scan, sensor: cast_rays(
@@ -136,42 +215,7 @@ def fit_sensor(
     for rays in cast:
         if rays.n_rays:
             mapper.update_by(rays)
-    # Beams reach further than anything that they met, and most of what lies there is of no use.
-    box = _box_of_hits(mapper)
-    hits, misses = (counts.astype(np.int64) for counts in mapper.counts(box))
-    reach = math.ceil(2.0 * given.sigma / window.resolution)
-    beside = _sum_around(hits, reach)
-    solid = (hits >= ENDED) & (hits >= ENDED_PER_PASSED * misses)
-    confirmed = contradicted = met_solid = lost = without = 0
-    every = max(1, sum(int(np.isinf(scan.scan.ranges_m).sum()) for scan in scans) // MOST_MISSING)
-    for rays in cast:
-        if rays.n_rays == 0:
-            continue
-        ended = rays.hit[: rays.n_rays] == 1
-        ends = rays.ends[:, : rays.n_rays]
-        corner = rays.column - box.column0, rays.row - box.row0
-        column, row = (
-            np.floor(ends[axis, ended]).astype(np.int64) + corner[axis] for axis in (0, 1)
-        )
-        others = beside[row, column] - 1
-        passed = misses[row, column]
-        against = (passed >= PASSED) & (passed >= PASSED_PER_CONFIRMED * others)
-        contradicted += int(np.count_nonzero(against))
-        confirmed += int(np.count_nonzero((others > 0) & ~against))
-        met_solid += int(np.count_nonzero(solid[row, column]))
-        unseen = np.flatnonzero(~ended)
-        looked_at = unseen[(without + 1 + np.arange(unseen.size)) % every == 0]
-        without += unseen.size
-        met = _meets(solid, corner, (rays.x, rays.y), ends[:, looked_at])
-        lost += every * int(np.count_nonzero(met))
-    clutter = Share.of(contradicted, confirmed + contradicted)
-    missing = Share.of(lost, met_solid + lost) if clears else None
-    model = replace(
-        given,
-        clutter=max(clutter.mean, LEAST_SHARE),
-        missing=given.missing if missing is None else max(missing.mean, LEAST_SHARE),
-    )
-    return model, SensorNumbers(clutter, missing)
+    return mapper, cast
 
 
 def found_of_beams(model: ForwardModelConfig, sensor: SensorNumbers | None) -> dict[str, Any]:

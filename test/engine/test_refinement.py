@@ -236,7 +236,7 @@ def test_a_result_is_of_counted_sweeps_alone():
         np.testing.assert_allclose(refinement.map(of).probability, expected, atol=1e-6)
         arrives = (sampler.arrival(mean if of is None else of.mean) >= ARRIVES).reshape(live.shape)
         inside = known_cells(expected, arrives, refinement.config.patch.margin)
-        assert 0 < inside.sum()
+        assert inside.sum() > 0
         known = np.where(inside, expected, math.nan)
         np.testing.assert_allclose(refinement.known_map(of).probability, known, atol=1e-6)
 
