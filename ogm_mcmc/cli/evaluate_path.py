@@ -30,11 +30,15 @@ def read_way(path: Path) -> Float64Array:
         lines = text_of(path).splitlines()
     except (OSError, ValueError):
         lines = []  # the reader says what is wrong
-    said = (line.partition('#')[0].replace(',', ' ').replace(';', ' ').split() for line in lines)
-    if max(map(len, said), default=0) <= 3:
+    if max(map(_columns, lines), default=0) <= 3:
         return read_points(path)
     poses = read_trajectory(path).poses
     return np.array([(pose.x_m, pose.y_m) for pose in poses])
+
+
+def _columns(line: str) -> int:
+    said = line.partition('#')[0]
+    return len(said.split(';') if ';' in said else said.replace(',', ' ').split())
 
 
 def along_path(options: argparse.Namespace, config: CollisionConfig, unknown: float) -> Answer:
