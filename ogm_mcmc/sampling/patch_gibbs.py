@@ -79,15 +79,14 @@ ns each, half of which stop in front of the cell), the rest for whole patches. A
 is took 51 ms: 2 900 patches with doubt, 26 000 cells, of which 7 000 are in doubt, 42 ms; 3 700 of
 the others, 9 to 17. Nearly all of the 22 000 flips of a full sweep are of cells behind surfaces.
 
-Decision. In patches with doubt cells that move, and those beside one, are drawn in every turn, the
-others in a share of turns, `SETTLED_SHARE`, by a draw of its own for each patch: fixed
-probabilities. In all other patches every cell is, in one of `DULL_TURNS`, as before. The burn-in
-looks where doubt is from its 16th sweep on, and counted sweeps from the first one. An early exit
-saves nothing in cells that move, so their log-odds are summed up in full, and the probability is
-counted in place of what was drawn with it (Rao-Blackwell: the same mean, less variance), in parts
-of 1/64, rounded up or down at random so that the mean is right. What is drawn is what it was; each
-cell is drawn by itself once in a sweep, so that holds whether or not the conditionals of patches
-agree on one joint distribution.
+Decision. Patches with doubt are drawn in every sweep, all nine cells, the others in one of
+`DULL_TURNS`, as before. The burn-in looks where doubt is from its 18th sweep on; where that is it
+decides, once and for all, before a sweep counts (`PosteriorSampler`). Of cells that move, and
+those beside one, an early exit saves nothing, so in patches with doubt their log-odds are summed
+up in full, and the probability is counted in place of what was drawn with it (Rao-Blackwell: the
+same mean, less variance), in parts of 1/64, rounded up or down at random so that the mean is
+right. What is drawn is what it was; each cell is drawn by itself once in a sweep, so that holds
+whether or not the conditionals of patches agree on one joint distribution.
 
 R-hat and effective samples are computed as before, from these counts: the variance between means
 of chains is that of the estimates there are, that within a chain that of a cell that is occupied
@@ -108,14 +107,14 @@ moving cells, probabilities counted             --       6.6         .9913   55
 and patches with cells beside these             5.7      9.4         .9956   121
 ==============================================  =======  ==========  ======  ====
 
-All cells of patches with doubt are drawn in every turn, `SETTLED_SHARE` 1: the gain of fewer is
-bought with pockets behind walls that dissolve slowly. In a thin-walled room (100 sweeps, 22 seeds)
-4 maps showed cells beyond the wall with 1/8, none with 1 and none before. Times and effective
-samples below were taken with 1/8, and not taken anew with 1.
+The table is of before: where only moving cells, or those beside, were drawn the others of all
+patches came in one of eight turns. That is no more: its gain is bought with pockets behind walls
+that dissolve slowly. In a thin-walled room (100 sweeps, 22 seeds) 4 maps showed cells beyond the
+wall with 1/8, none where all cells of patches with doubt are drawn and none before.
 
-The table is of sweeps that passed over settled cells of other patches in seven of eight of their
-turns, too. As it is, `bench refine` has 108 effective samples and .9949 after 62 counted sweeps.
-In the same 64 sweeps probabilities have 1.6 times the effective samples of draws (96, 57).
+Of before as well, with 1/8 and a focus that followed the counts: `bench refine` had 108 effective
+samples and .9949 after 62 counted sweeps; in the same 64 sweeps probabilities had 1.6 times the
+effective samples of draws (96, 57). Figures of today: docs/results.md, "Refine".
 Tried without gain: patches drawn whole in a tenth of the turns (7.3 s, ess 106, and a burn-in that
 ends 300 nats lower); settled ones in one of 16 turns (6.5 s, ess 96, .9944); patches in square
 blocks of 8 to 64 cells in place of rows (the same time; in random order 1.4 times). Not done:
@@ -175,9 +174,6 @@ SURROUNDING = 1
 WHOLE_SHARE = 0.25
 """Share of patches that are drawn as a whole where cells are drawn by themselves, too."""
 
-SETTLED_SHARE = 1.0
-"""Share of turns in which settled cells of a patch with doubt are drawn, too; see the note."""
-
 PATCH_ORDERS = ('tiled', 'random')
 
 
@@ -207,7 +203,6 @@ class PatchModel(IndexedModel):
         self.index, self.width, self.table = index, width, table
         self.order, self.escape, self.random_share = order, escape, random_share
         self.flip_cells = flip_cells
-        self.settled_share = SETTLED_SHARE
         self.whole_share = WHOLE_SHARE if flip_cells else 1.0
         self.height = index.n_cells // width
         side = table.side
@@ -272,7 +267,7 @@ class PatchModel(IndexedModel):
     def focus(self, in_doubt: BoolArray, moving: BoolArray) -> PatchPlaces | None:
         """Return where sweeps go that seldom come by patches without such a cell (K,).
 
-        In the others cells that are `moving` (K,), and those beside, are drawn in every turn.
+        Of cells that are `moving` (K,), and those beside, probabilities are told in the others.
         """
         if self.order == 'random' or not self._surrounded:
             return None
@@ -292,8 +287,8 @@ class PatchModel(IndexedModel):
     ) -> int:
         """Draw the patches with these lower left cells (P,) int32 in turn, in place.
 
-        Where some cells of a patch are `doubted` (K,) the others are drawn by themselves in a
-        share of its turns, and `chances` (K,) are what the doubted ones are drawn with.
+        `chances` (K,), of cells that are `doubted` (K,), are filled with what these are drawn
+        with by themselves, in `PARTS`.
         """
         index, table = self.index, self.table
         return int(
@@ -308,7 +303,6 @@ class PatchModel(IndexedModel):
                 table.side**2 if self.flip_cells else 0,
                 self.whole_share,
                 self._no_doubt if doubted is None else doubted,
-                self.settled_share,
                 self._unread if chances is None else chances,
                 table.entry_of_border,
                 table.start,

@@ -249,9 +249,9 @@ def draw_index(rng, log_weights, count, weights):
 @kernel
 def sweep_patches(
     rng, corners, side, inner, ring, escape, random_share, flip_cells, whole_share, doubted,
-    settled_share, chances, entry_of_border, start, candidates, log_probability, floor, cells,
-    records, bits, marks, lists, full, gain, near, near_bits, front, tiles, runs, run_lengths,
-    rays, ray_bits, grid,
+    chances, entry_of_border, start, candidates, log_probability, floor, cells, records, bits,
+    marks, lists, full, gain, near, near_bits, front, tiles, runs, run_lengths, rays, ray_bits,
+    grid,
 ):  # fmt: skip
     """Draw one patch after the other given its border and all rays; return the flipped cells.
 
@@ -264,9 +264,8 @@ def sweep_patches(
                   impossible, as published
     flip_cells    so many cells of each patch, from a random one on, are drawn after that, or
                   instead, one by one given the others, whatever the table lists
-    doubted       (K,) uint8; of a patch with such cells only these are drawn one by one, all of
-                  them in a share of its turns, `settled_share`
-    chances       (K,) uint8, output: what each of these cells was drawn with, in `PARTS`
+    doubted       (K,) uint8: cells of which it is wanted what they were drawn with
+    chances       (K,) uint8, output: that probability, in `PARTS`
     """
     cells, records, bits = borrowed(cells), borrowed(records), borrowed(bits)
     doubted, chances = borrowed(doubted), borrowed(chances)
@@ -331,17 +330,10 @@ def sweep_patches(
                 cell, cells, records, bits, marks, lists, full, near, near_bits, front, tiles,
                 runs, run_lengths, rays, ray_bits, grid,
             )  # fmt: skip
-        place, asked = np.int64(0), np.int64(-1)
-        if flip_cells:
-            place = np.int64(rng.random() * inner.size)
-            some = read_pattern(doubted, corner, inner)
-            if some and rng.random() >= settled_share:
-                asked = some
+        place = np.int64(rng.random() * inner.size) if flip_cells else np.int64(0)
         for _ in range(flip_cells):
             place = (place + 1) % inner.size
             one = np.int64(1) << place
-            if not asked & one:
-                continue
             cell, u = corner + inner[place], rng.random()
             threshold = math.log(u / (1.0 - u)) if u > 0.0 else -math.inf
             prior = 0.0
