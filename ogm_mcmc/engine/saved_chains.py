@@ -1,7 +1,8 @@
 """Chains in a file, from which sampling goes on as if nothing had happened.
 
-An NPZ of the map, counts and generator of each chain, and a header in JSON: the version, numbers
-of chains and sweeps, the size of the window, the log-likelihood of each map, and the settings.
+An NPZ of the map, counts and generator of each chain and where it looks most, and a header in JSON:
+the version, numbers of chains and sweeps, the size of the window, the log-likelihood of each map,
+and the settings.
 """
 
 from __future__ import annotations
@@ -22,10 +23,8 @@ from ogm_mcmc.sampling.gibbs_kernels import PARTS
 
 __all__ = ['load_chains', 'save_chains', 'saved_settings']
 
-VERSION = 2
-
-# At first sweeps were counted, not parts of them.
-COUNTED_SWEEPS = 1
+# Of 1 sweeps were counted, not parts of them; up to 2 where chains look most followed from counts.
+VERSION = 3
 
 
 def save_chains(sampler: PosteriorSampler, path: Path, settings: dict[str, Any]) -> None:
@@ -36,11 +35,14 @@ def save_chains(sampler: PosteriorSampler, path: Path, settings: dict[str, Any])
     for number, counts in enumerate((*sampler.counts, *sampler.settling)):
         arrays[f'counts_{number}'] = counts.counts
         arrays[f'progress_{number}'] = (counts.batch_length, counts.full, counts.in_last)
+    for j, focus in sampler.focus.items():
+        arrays[f'focus_{j}'] = np.packbits(focus.cells)
     header = {
         'version': VERSION,
         'chains': len(sampler.states),
         'settling': len(sampler.settling),
         'sweeps': sampler.sweeps,
+        'focus_after': [focus.after for _, focus in sorted(sampler.focus.items())],
         'burn_in': sampler.burn_in,
         'n_cells': sampler.model.n_cells,
         'touched': int(sampler.model.touched.size),
@@ -63,25 +65,25 @@ def load_chains(
     Raises WindowError, too, when the file is no such file or is of another window.
     """
     with npz_file(path, 'a saved sampling state', WindowError) as held:
-        header = json.loads(str(held.read('header', TEXT)))
+        header = _header_in(held, path)
         accept(header['settings'])
         _check_window(path, header, (model.n_cells, model.touched.size))
-        parts = 1 if header['version'] == COUNTED_SWEEPS else PARTS
         sampler = PosteriorSampler(model, [], seed=0, burn_in=int(header['burn_in']))
         sampler.sweeps = int(header['sweeps'])
         for j in range(min(int(header['chains']), len(header['generators']))):
             sampler.states.append(model.start(_cells_in(held, j, model.n_cells)))
-            sampler.counts.append(_counts_in(held, j, model.touched.size, parts))
+            sampler.counts.append(_counts_in(held, j, model.touched.size))
             rng = np.random.default_rng()
             rng.bit_generator.state = header['generators'][j]
             sampler.rngs.append(rng)
         chains = len(sampler.states)
-        settling = int(header.get('settling', 0))
+        settling = int(header['settling'])
         if settling not in (0, chains):
             raise ValueError(f'burn-in of {settling} chains: expected 0 or {chains}')
         sampler.settling = [
-            _counts_in(held, chains + j, model.touched.size, parts) for j in range(settling)
+            _counts_in(held, chains + j, model.touched.size) for j in range(settling)
         ]
+        _take_focus(held, sampler, header['focus_after'])
         if chains != header['chains']:
             raise ValueError(f'{header["chains"]} chains: expected as many generators')
         _check_chains(sampler, path, header['log_likelihoods'])
@@ -91,8 +93,19 @@ def load_chains(
 def saved_settings(path: Path) -> dict[str, Any]:
     """Return the settings of a saved state; raises WindowError for any other file."""
     with npz_file(path, 'a saved sampling state', WindowError) as held:
-        settings: dict[str, Any] = json.loads(str(held.read('header', TEXT)))['settings']
+        settings: dict[str, Any] = _header_in(held, path)['settings']
         return dict(settings)
+
+
+def _header_in(held: NpzFile, path: Path) -> dict[str, Any]:
+    """Return the header; raises WindowError when it is of another version."""
+    header: dict[str, Any] = json.loads(str(held.read('header', TEXT)))
+    if header['version'] != VERSION:
+        raise WindowError(
+            f'{path}: a sampling state of version {header["version"]}: expected {VERSION}, '
+            'others cannot be taken up; sample anew'
+        )
+    return header
 
 
 def _cells_in(held: NpzFile, chain: int, n_cells: int) -> UInt8Array:
@@ -102,20 +115,33 @@ def _cells_in(held: NpzFile, chain: int, n_cells: int) -> UInt8Array:
     return cells
 
 
-def _counts_in(held: NpzFile, chain: int, n_touched: int, parts: int) -> BatchCounts:
-    """Return what a chain counted in C cells; `parts` of a sweep were counted."""
+def _take_focus(held: NpzFile, sampler: PosteriorSampler, after: list[int]) -> None:
+    """Let chains look most where they did; `after` so many sweeps each, none: nowhere yet."""
+    if len(after) not in (0, len(sampler.states)):
+        raise ValueError(f'decided in {len(after)} chains: expected all or none')
+    for j, decided in enumerate(after):
+        if decided >= sampler.sweeps or not sampler.decides_after(decided):
+            raise ValueError(f'decided after {decided} sweeps: expected the burn-in')
+        n = 2 * sampler.model.touched.size
+        packed = held.read(f'focus_{j}', Field('u', ((n + 7) // 8,)))
+        cells = np.unpackbits(packed, count=n).reshape(2, -1).view(np.bool_)
+        sampler.look_at(j, decided, cells)
+
+
+def _counts_in(held: NpzFile, chain: int, n_touched: int) -> BatchCounts:
+    """Return what a chain counted in C cells."""
     counts = BatchCounts(n_touched)
     rows = held.read(f'counts_{chain}', Field('u', counts.counts.shape))
     if rows.dtype not in (np.uint16, np.uint32):
         raise ValueError(f'counts_{chain} is {rows.dtype}: expected uint16 or uint32')
     progress = held.read(f'progress_{chain}', Field('iu', (3,)))
-    counts.counts = rows if parts == PARTS else rows.astype(np.uint32) * np.uint32(PARTS)
+    counts.counts = rows
     counts.batch_length, counts.full, counts.in_last = map(int, progress)
     if not (0 <= counts.full < len(rows) and 0 <= counts.in_last < counts.batch_length):
         raise ValueError(f'batches {progress}: expected a row to go on with')
     most = np.zeros(len(rows), np.int64)
     most[: counts.full], most[counts.full] = counts.batch_length, counts.in_last
-    most *= parts
+    most *= PARTS
     if (rows.max(axis=1, initial=0) > most).any():
         raise ValueError(f'counts_{chain}: expected no more than the sweeps of a batch')
     return counts
@@ -123,9 +149,6 @@ def _counts_in(held: NpzFile, chain: int, n_touched: int, parts: int) -> BatchCo
 
 def _check_window(path: Path, header: dict[str, Any], here: tuple[int, int]) -> None:
     """Raise WindowError unless a state is of so many cells, of which so many are sampled."""
-    if header['version'] not in (COUNTED_SWEEPS, VERSION):
-        expected = f'expected {COUNTED_SWEEPS} or {VERSION}'
-        raise WindowError(f'{path}: version {header["version"]}: {expected}')
     saved = header['n_cells'], header['touched']
     if saved != here:
         raise WindowError(

@@ -12,16 +12,22 @@ from numpy.random import Generator
 from ogm_mcmc.arrays import AnyArray, BoolArray, Float32Array, UInt8Array
 from ogm_mcmc.errors import require
 from ogm_mcmc.sampling.cell_gibbs import GibbsState
-from ogm_mcmc.sampling.diagnostics import BatchCounts, ChainQuality, assess
+from ogm_mcmc.sampling.diagnostics import MAX_BATCHES, BatchCounts, ChainQuality, assess
 from ogm_mcmc.sampling.gibbs_kernels import NO_CHANCE, PARTS, add_occupied
 
-__all__ = ['Estimate', 'PosteriorModel', 'PosteriorSampler']
+__all__ = ['Estimate', 'Focus', 'PosteriorModel', 'PosteriorSampler']
 
 ARRIVES = 0.5
 """A cell is informed if a ray arrives there with at least this chance."""
 
 SETTLED = 0.002
 """A cell this near to 0 or 1 is drawn seldom."""
+
+LEAST_LOOK = 8
+"""What is settled is not told by fewer sweeps."""
+
+FRESH = 2
+"""So many sweeps draw everything after each change of the focus, before it holds."""
 
 
 class PosteriorModel(Protocol):
@@ -59,7 +65,7 @@ class PosteriorModel(Protocol):
     def focus(self, in_doubt: BoolArray, moving: BoolArray) -> Any:
         """Return what makes sweeps come by settled cells seldom; `in_doubt` (K,) are not.
 
-        Nor are those that are `moving` (K,), where they are near to these.
+        `moving` (K,) are cells whose probabilities are to be told, where they are near to these.
         """
         ...
 
@@ -97,6 +103,18 @@ class Estimate(NamedTuple):
     draws: int
 
 
+class Focus(NamedTuple):
+    """Where a chain's sweeps look most.
+
+    `after`: decided after so many sweeps; `cells` (2, C): touched cells that are in doubt, that
+    move; `places`: what the model's `focus` made of these.
+    """
+
+    after: int
+    cells: BoolArray
+    places: Any
+
+
 class PosteriorSampler:
     """Chains of one model, each in a thread of its own, with counts for the posterior mean.
 
@@ -104,11 +122,15 @@ class PosteriorSampler:
     are scheduled and whatever number of sweeps is asked for at a time.
 
     Sweeps look most where there is doubt: in cells that a chain's own maps disagree about and at
-    which a ray arrives. Which these are is decided anew after 16 sweeps of the burn-in, 32, ...,
-    at its end, and after 16 counted sweeps, 32, ..., and follows from the counts up to then; in
-    between every cell has a fixed chance to be drawn, which leaves the posterior as it is. Of
-    these cells the probability that they were drawn with is counted, not what was drawn; see the
-    design note of `ogm_mcmc.sampling.patch_gibbs`.
+    which a ray arrives. Which these are is decided in the burn-in, after 16 of its sweeps, 32, ...
+    and two before its end, from all but the first quarter of the sweeps up to then; no sweep that
+    counts has a say. Were the focus to follow the counts it would bias them: a cell that happened
+    to stay free is drawn seldom from then on, and would keep what it was chosen for. So after each
+    decision two sweeps draw everything, and then every cell has a fixed chance to be drawn, in all
+    counted sweeps the same, which leaves the posterior as it is. A burn-in of fewer than ten
+    sweeps tells too little: all sweeps draw everything. Of cells that move the probability that
+    they were drawn with is counted, not what was drawn; see the design note of
+    `ogm_mcmc.sampling.patch_gibbs`.
 
     Sweeps of the burn-in are counted apart, for a map to show before there are others; see
     `present_estimate`. A result is `estimate`: of counted sweeps alone, as R-hat and errors are.
@@ -134,8 +156,7 @@ class PosteriorSampler:
         self.counts = [BatchCounts(model.touched.size) for _ in starts]
         # Sweeps of the burn-in, by chain, as long as a map is made of them.
         self.settling = [BatchCounts(model.touched.size) for _ in starts if burn_in > 0]
-        # By chain, and when it was decided.
-        self._focus: dict[int, tuple[tuple[str, int], Any]] = {}
+        self.focus: dict[int, Focus] = {}  # by chain, from the first decision on
 
     def advance(self, n_sweeps: int) -> int:
         """Do so many sweeps in every chain; return the number of flips in all."""
@@ -153,13 +174,14 @@ class PosteriorSampler:
         settled = self.settling[chain] if self.settling else None
         chances = np.full(self.model.n_cells, NO_CHANCE, np.uint8)
         for i in range(n_sweeps):
-            settling = self.sweeps + i < self.burn_in
+            done = self.sweeps + i
+            settling = done < self.burn_in
             into = settled if settling else counts
             flips += self.model.advance(
                 self.rngs[chain],
                 state,
                 settling=settling,
-                focus=self._focus_of(chain, settling),
+                focus=self._focus_of(chain, done),
                 chances=None if into is None else chances,
             )
             if into is not None:
@@ -167,38 +189,30 @@ class PosteriorSampler:
                 into.sweep_added()
         return flips
 
-    def _focus_of(self, chain: int, settling: bool) -> Any:
-        """Return what the chain's sweeps look at most, None while everything is."""
-        told = self._told_of(chain, settling)
-        if told is None:
-            return None
-        when, rows, length = told
-        decided, focus = self._focus.get(chain, (None, None))
-        if decided != when:
-            mean = rows.mean(axis=0, dtype=np.float32) / np.float32(length * PARTS)
-            moving = np.zeros(self.model.n_cells, np.bool_)
-            moving[self.model.touched] = (mean > SETTLED) & (mean < 1.0 - SETTLED)
-            focus = self.model.focus(moving & (self.arrival(mean) >= ARRIVES), moving)
-            self._focus[chain] = when, focus
-        return focus
+    def _focus_of(self, chain: int, done: int) -> Any:
+        """Return what the sweep after so many looks at most, None when it draws everything."""
+        if self.decides_after(done):
+            told = self.settling[chain]
+            first = told.full // 4
+            parts = told.counts[first : told.full + 1].sum(axis=0, dtype=np.int64)
+            parts_of_one = PARTS * (told.n_sweeps - first * told.batch_length)
+            mean = (parts / parts_of_one).astype(np.float32)
+            moving = (mean > SETTLED) & (mean < 1.0 - SETTLED)
+            arrives = self.arrival(mean)[self.model.touched] >= ARRIVES
+            self.look_at(chain, done, np.stack((moving & arrives, moving)))
+        focus = self.focus.get(chain)
+        return None if focus is None or done < focus.after + FRESH else focus.places
 
-    def _told_of(self, chain: int, settling: bool) -> tuple[tuple[str, int], AnyArray, int] | None:
-        """Return by what sweeps the focus is decided: when, their batches (B, C), of what length.
+    def decides_after(self, done: int) -> bool:
+        """Whether it is decided after so many sweeps where to look most: in the burn-in only."""
+        last = self.burn_in - FRESH
+        return LEAST_LOOK <= done == last or (MAX_BATCHES <= done < last and done.bit_count() == 1)
 
-        In the burn-in it is the later half of what there was when batches last became longer, then
-        that of the whole burn-in, until 16 sweeps count.
-        """
-        merged = self.counts[chain].merged
-        if merged is not None:
-            length = self.counts[chain].batch_length
-            return ('counted', length), merged, length
-        settled = self.settling[chain] if self.settling else None
-        if settled is None or settled.merged is None:
-            return None
-        length = settled.batch_length
-        if settling:
-            return ('settling', length), settled.merged[len(settled.merged) // 2 :], length
-        return ('settled', length), settled.batches()[settled.full // 2 :], length
+    def look_at(self, chain: int, after: int, cells: BoolArray) -> None:
+        """Let a chain look most at these of the touched cells, see `Focus`."""
+        whole = np.zeros((2, self.model.n_cells), np.bool_)
+        whole[:, self.model.touched] = cells
+        self.focus[chain] = Focus(after, cells, self.model.focus(*whole))
 
     @property
     def counted(self) -> int:

@@ -8,7 +8,7 @@ from support.small_chains import assert_same, patch_model, sampler_of, small_mod
 from support.strategies import fan
 
 from ogm_mcmc.config import ForwardModelConfig, WindowConfig
-from ogm_mcmc.engine.saved_chains import load_chains, save_chains
+from ogm_mcmc.engine.saved_chains import load_chains, save_chains, saved_settings
 from ogm_mcmc.errors import WindowError
 from ogm_mcmc.geometry import PlacedScan, Pose2D
 from ogm_mcmc.sampling import CellModel, RayWindow
@@ -32,50 +32,54 @@ def test_saved_chains_go_on_as_if_nothing_had_happened(tmp_path, sweeps):
     assert_same(taken_up, whole)
 
 
-@pytest.mark.parametrize(('burn_in', 'saved_at'), [(2, 41), (20, 19), (20, 25), (40, 33)])
-def test_what_sweeps_look_at_most_follows_from_the_counts(tmp_path, burn_in, saved_at):
-    """The same after saving, at any sweep, and nothing new between two doublings."""
+@pytest.mark.parametrize(
+    ('burn_in', 'saved_at', 'after'),
+    [
+        (2, 41, 0),
+        (20, 16, 0),
+        (20, 17, 16),
+        (20, 19, 18),
+        (20, 25, 18),
+        (40, 33, 32),
+        (40, 80, 38),
+    ],
+)
+def test_where_sweeps_look_most_is_the_same_after_saving(tmp_path, burn_in, saved_at, after):
+    """At any sweep, though it does not follow from what is counted later."""
     whole, first = (sampler_of(patch_model(), burn_in=burn_in) for _ in range(2))
     whole.advance(burn_in + 98)
     first.advance(saved_at)
     save_chains(first, tmp_path / 'state.npz', {})
     taken_up, _ = load_chains(tmp_path / 'state.npz', patch_model())
+    assert [focus.after for focus in taken_up.focus.values()] == ([after] * 2 if after else [])
     taken_up.advance(burn_in + 98 - saved_at)
     assert_same(taken_up, whole)
-    assert [decided for decided, _ in whole._focus.values()] == [('counted', 8)] * 2
-    for chain, (_, focus) in whole._focus.items():
-        parts = whole.counts[chain].counts[:8].sum(axis=0)
-        mean = (parts / (64.0 * PARTS)).astype(np.float32)
-        moving = np.zeros(whole.model.n_cells, np.bool_)
-        moving[whole.model.touched] = (mean > SETTLED) & (mean < 1.0 - SETTLED)
-        expected = np.flatnonzero(moving & (whole.arrival(mean) >= ARRIVES))
-        some = [
-            np.isin(corner + whole.model._inner, expected).any()
-            for corner in whole.model._places.corners
-        ]
-        active = np.concatenate(focus.active)
-        assert np.array_equal(np.sort(active), whole.model._places.corners[some])
-        shape = whole.model.height, whole.model.width
-        assert np.array_equal(focus.doubted, near(moving.reshape(shape), 1).reshape(-1))
 
 
-def test_states_that_counted_sweeps_are_taken_up(tmp_path):
-    """Of version 1, which counted maps, not parts of them."""
-    first, later = sampler_of(small_model()), sampler_of(small_model())
-    first.advance(60)
-    save_chains(first, tmp_path / 'state.npz', {})
-    with np.load(tmp_path / 'state.npz') as data:
-        content = {name: data[name] for name in data.files}
-    for name in content:
-        if name.startswith('counts'):
-            content[name] = content[name] // PARTS
-    header = json.loads(str(content['header']))
-    content['header'] = np.array(json.dumps({**header, 'version': 1}))
-    np.savez(tmp_path / 'old.npz', **content)
-    taken_up, _ = load_chains(tmp_path / 'old.npz', small_model())
-    taken_up.advance(40)
-    later.advance(100)
-    assert np.array_equal(taken_up.estimate().mean, later.estimate().mean)
+def test_sweeps_look_most_at_patches_with_cells_in_doubt():
+    """Those that moved in all but the first quarter of the burn-in, where a ray arrives."""
+    sampler = sampler_of(patch_model(), burn_in=50)
+    sampler.advance(48)
+    told = [
+        (counts.counts[3:12].sum(axis=0) / (36.0 * PARTS)).astype(np.float32)
+        for counts in sampler.settling
+    ]
+    sampler.advance(20)
+    model, n_in_doubt = sampler.model, 0
+    for chain, mean in enumerate(told):
+        after, cells, places = sampler.focus[chain]
+        assert after == 48
+        moving = np.zeros(model.n_cells, np.bool_)
+        moving[model.touched] = (mean > SETTLED) & (mean < 1.0 - SETTLED)
+        expected = np.flatnonzero(moving & (sampler.arrival(mean) >= ARRIVES))
+        assert np.array_equal(model.touched[cells[0]], expected)
+        some = [np.isin(c + model._inner, expected).any() for c in model._places.corners]
+        n_in_doubt += np.count_nonzero(some)
+        active = np.concatenate(places.active)
+        assert np.array_equal(np.sort(active), model._places.corners[some])
+        shape = model.height, model.width
+        assert np.array_equal(places.doubted, near(moving.reshape(shape), 1).reshape(-1))
+    assert n_in_doubt > 0
 
 
 @pytest.fixture
@@ -145,7 +149,10 @@ def rewritten(path, header=None, **arrays):
 @pytest.mark.parametrize(
     'change',
     [
-        {'header': {'version': 3}},
+        {'header': {'version': 1}},
+        {'header': {'version': 4}},
+        {'header': {'focus_after': [3, 3]}},
+        {'header': {'focus_after': [16]}},
         {'header': {'chains': 3}},
         {'header': {'generators': []}},
         {'header': {'sweeps': -4}},
@@ -184,3 +191,13 @@ def test_another_window_is_refused(saved):
     assert same_size.touched.size == small_model().touched.size
     assert same_size.n_cells == small_model().n_cells
     assert 'this window' in refused(saved, same_size)
+
+
+@pytest.mark.parametrize('version', [1, 2])
+def test_a_state_of_an_older_version_is_refused_for_that(saved, version):
+    """Before its settings are compared, of which some did not exist then."""
+    rewritten(saved, header={'version': version, 'settings': {}})
+    with pytest.raises(WindowError, match=f'state of version {version}: expected 3') as caught:
+        saved_settings(saved)
+    assert '\n' not in str(caught.value)
+    assert refused(saved) == str(caught.value)

@@ -12,8 +12,11 @@ from ogm_mcmc.engine.prior_files import default_prior_file, load_prior
 from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.geometry import CellBox, PlacedScan, Pose2D
 from ogm_mcmc.sampling import PosteriorSampler, RayWindow, over_dispersed_starts
+from ogm_mcmc.sampling.cell_gibbs import GibbsState
 from ogm_mcmc.sampling.chain_starts import forgotten
+from ogm_mcmc.sampling.gibbs_kernels import PARTS
 from ogm_mcmc.sampling.patch_gibbs import PatchModel
+from ogm_mcmc.sampling.patch_places import DULL_TURNS
 from ogm_mcmc.sampling.patch_prior import make_table
 
 approx = pytest.approx
@@ -202,14 +205,78 @@ def test_cells_behind_a_surface_are_not_judged():
     assert quality.agreeing_share(1.2) > 0.9
 
 
-def test_the_burn_in_looks_most_where_there_is_doubt_too():
-    sampler = sampler_of(patch_model(), burn_in=24)
-    found = []
-    for _ in range(42):
+class LoneCells:
+    """Cells (C,) that nothing holds together, each a patch of its own; drawn as patches are.
+
+    As many chains of one cell: those that `focus` puts off come in one of eight sweeps, the
+    others are drawn with a probability that is told.
+    """
+
+    def __init__(self, probability):
+        self.probability = probability
+        self.n_cells = probability.size
+        self.touched = np.arange(probability.size, dtype=np.int32)
+
+    def start(self, cells):
+        return GibbsState(cells.copy(), np.zeros(0))
+
+    def focus(self, in_doubt, moving):
+        return in_doubt | moving
+
+    def arrival(self, probability, least):
+        return np.ones_like(probability)
+
+    def advance(self, rng, state, *, settling=False, focus=None, chances=None):
+        drawn = np.full(self.n_cells, True)
+        if focus is not None:
+            drawn = focus | (rng.integers(0, DULL_TURNS, self.n_cells) == 0)
+            parts = np.floor(self.probability * PARTS + rng.random(self.n_cells))
+            chances[focus] = parts[focus].astype(np.uint8)
+        new = rng.random(self.n_cells) < self.probability
+        state.cells[drawn] = new[drawn]
+        return 0
+
+
+@pytest.mark.parametrize('burn_in', [0, 9, 16, 50])
+def test_where_sweeps_look_does_not_bias_what_they_find(burn_in):
+    """A cell that happened to stay free is drawn seldom: it must not keep that for it."""
+    rare = np.repeat([0.01, 0.02, 0.05, 0.95], 12_000)
+    model = LoneCells(rare)
+    sampler = PosteriorSampler(model, [np.zeros(rare.size, np.uint8)], seed=5, burn_in=burn_in)
+    done = 0
+    for counted in (1, 16, 62, 128):
+        sampler.advance(burn_in + counted - done)
+        done = burn_in + counted
+        found = sampler.estimate().mean.reshape(4, -1)
+        least = np.minimum(rare, 1.0 - rare).reshape(4, -1)[:, 0]
+        # At most as many draws as there are turns of a cell that is drawn seldom.
+        deviation = np.sqrt(least / (12_000 * max(1.0, counted / DULL_TURNS)))
+        off = np.abs(found.mean(axis=1) - rare.reshape(4, -1)[:, 0])
+        assert (off < 4.0 * deviation).all(), (counted, off / deviation)
+
+
+@pytest.mark.parametrize(
+    ('burn_in', 'expected'), [(40, [16, 32, 38]), (20, [16, 18]), (10, [8]), (9, []), (0, [])]
+)
+def test_where_sweeps_look_is_decided_in_the_burn_in(burn_in, expected):
+    """And everything is drawn twice before that holds; so counted sweeps are all alike."""
+    model = patch_model()
+    sampler = sampler_of(model, burn_in=burn_in)
+    looks = []
+    draw = model.advance
+    model.advance = lambda *args, **kw: looks.append(kw['focus']) or draw(*args, **kw)
+    decided, whole = [], []
+    for done in range(burn_in + 70):
+        looks.clear()
         sampler.advance(1)
-        found.append([decided for decided, _ in sampler._focus.values()])
-    assert found[15] == []
-    assert found[16] == found[23] == [('settling', 2)] * 2
-    assert found[24] == found[39] == [('settled', 2)] * 2
-    assert found[40] == [('counted', 2)] * 2
+        after = {focus.after for focus in sampler.focus.values()}
+        assert len(after) <= 1
+        decided += sorted(after.difference(decided))
+        if all(look is None for look in looks):
+            whole.append(done)
+        else:
+            assert sorted(map(id, looks)) == sorted(id(f.places) for f in sampler.focus.values())
+    assert decided == expected
+    every = range(burn_in + 70) if not expected else [*range(expected[0]), *expected]
+    assert whole == sorted({*every, *(after + 1 for after in expected)})
     assert sampler.settling == []
