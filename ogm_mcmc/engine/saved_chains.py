@@ -1,8 +1,8 @@
 """Chains in a file, from which sampling goes on as if nothing had happened.
 
-An NPZ of the map, counts and generator of each chain and where it looks most, and a header in JSON:
-the version, numbers of chains and sweeps, the size of the window, the log-likelihood of each map,
-and the settings.
+An NPZ of the map and counts of each chain, and of where it looks most, and a header in JSON: the
+version, numbers of chains and sweeps, generators, the size of the window, the log-likelihood of
+each map, and the settings.
 """
 
 from __future__ import annotations
