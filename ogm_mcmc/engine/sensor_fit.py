@@ -125,11 +125,9 @@ def fit_sensor(
         if rays.n_rays == 0:
             continue
         right, wrong, solid = seen.judged(rays)
-        confirmed, contradicted, met_solid = (
-            confirmed + right,
-            contradicted + wrong,
-            met_solid + solid,
-        )
+        confirmed += right
+        contradicted += wrong
+        met_solid += solid
         unseen = np.flatnonzero(rays.hit[: rays.n_rays] != 1)
         looked_at = unseen[(without + 1 + np.arange(unseen.size)) % every == 0]
         without += unseen.size

@@ -1,0 +1,167 @@
+"""The map of what was drawn, and what of it is shown."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.refinements import FIRST, SECOND, lattice_map, maps, run, taken
+from support.strategies import fan
+
+from ogm_mcmc.config import (
+    ChainConfig,
+    ForwardModelConfig,
+    PatchConfig,
+    SamplerConfig,
+    WindowConfig,
+)
+from ogm_mcmc.config.nodes import RefineSamplerConfig
+from ogm_mcmc.engine.refinement import Refinement, hide_uncertain, live_map
+from ogm_mcmc.geometry import GridMap, PlacedScan, Pose2D
+from ogm_mcmc.sampling.informed import known_cells
+from ogm_mcmc.sampling.posterior import ARRIVES
+
+approx = pytest.approx
+
+
+def test_a_result_is_of_counted_sweeps_alone():
+    """Shown while sampling goes on is the burn-in, too, and it says so."""
+    refinement = taken(FIRST, SECOND, chains=2)
+    sampler = refinement.sampler
+    sampler.advance(10)
+    found = []
+    for _ in range(2):
+        sampler.advance(1)
+        found += [state.cells[sampler.model.touched] for state in sampler.states]
+    mean = np.mean(found, axis=0).astype(np.float32)
+    assert np.array_equal(sampler.estimate().mean, mean)
+    spec = refinement.window.spec
+    live = live_map([FIRST, SECOND], refinement.config.window).windowed(spec.box).probability
+
+    def with_live(mean, draws):
+        p = refinement.grid_map(mean).probability
+        return np.where(np.isnan(live), p, (draws * p + live) / (draws + 1))
+
+    present = sampler.present_estimate()
+    assert (sampler.estimate().draws, present.draws) == (4, 14)
+    assert not np.array_equal(present.mean, mean)
+    for of, expected in ((None, with_live(mean, 4)), (present, with_live(present.mean, 14))):
+        assert np.isfinite(expected).sum() == sampler.model.touched.size
+        np.testing.assert_allclose(refinement.map(of).probability, expected, atol=1e-6)
+        arrives = (sampler.arrival(mean if of is None else of.mean) >= ARRIVES).reshape(live.shape)
+        inside = known_cells(expected, arrives, refinement.config.patch.margin)
+        assert inside.sum() > 0
+        known = np.where(inside, expected, math.nan)
+        np.testing.assert_allclose(refinement.known_map(of).probability, known, atol=1e-6)
+
+
+def test_cells_that_are_free_in_all_draws_are_in_the_order_of_the_live_map():
+    refinement = taken(FIRST, SECOND, model={'sigma': 0.05, 'clutter': 1e-6})
+    run(refinement, max_sweeps=30)
+    estimate = refinement.sampler.estimate()
+    spec, touched = refinement.window.spec, refinement.sampler.model.touched
+    live = live_map([FIRST, SECOND], refinement.config.window).windowed(spec.box)
+    known = live.probability.reshape(-1)[touched]
+    tied = (estimate.mean == 0.0) & np.isfinite(known)
+    found = refinement.map().probability.reshape(-1)[touched]
+    assert np.unique(known[tied]).size > 1
+    assert found[tied] == approx(known[tied] / (estimate.draws + 1))
+    # Hidden is what was hidden when they were tied at zero.
+    plain = GridMap(spec, refinement.grid_map(estimate.mean).probability)
+    for draws in (3, 10, estimate.draws):
+        before, now = (hide_uncertain(one, 0.3, 0.02, draws) for one in (plain, refinement.map()))
+        free = plain.probability == 0.0
+        assert np.array_equal(np.isnan(before.probability)[free], np.isnan(now.probability)[free])
+
+
+def test_cells_no_more_certain_than_the_prior_are_hidden():
+    grid = lattice_map([[0.2, 0.19, 0.81, 0.5, math.nan, 0.0, 0.14, 0.86]])
+    shown = hide_uncertain(grid, prior=0.2, margin=0.05).probability[0]
+    assert np.isnan(shown).tolist() == [True] * 5 + [False] * 3
+    assert shown[5:] == approx([0.0, 0.14, 0.86])
+    shown = hide_uncertain(grid, prior=0.8, margin=0.0).probability[0]
+    assert np.isnan(shown).tolist() == [True, False, False, True, True, False, False, False]
+
+
+def room(reach_m=2.0):
+    """Scans in the middle of a square room whose walls are thin lines, seen from inside only."""
+    bearings = np.arange(126) * 0.05 - 1.0
+    far = np.maximum(np.abs(np.cos(bearings)), np.abs(np.sin(bearings)))
+    scan = fan(*(reach_m / far), bearing=-1.0, increment=0.05, range_max_m=8.0)
+    return PlacedScan.at(scan, Pose2D(0.02, 0.03))
+
+
+def learned(**chain):
+    return SamplerConfig(
+        model=ForwardModelConfig(sigma=0.05),
+        window=WindowConfig(resolution=0.1),
+        chain=ChainConfig(**{'burn_in': 10, **chain}),
+        patch=PatchConfig(prior='border', size=9),
+    )
+
+
+@pytest.mark.filterwarnings('ignore:.*prior learned at')
+def test_a_refined_room_has_no_fur():
+    """Known are the inside and the surface of its walls; nothing beyond, and every side of it."""
+    refinement = Refinement(learned())
+    refinement.take([room()])
+    run(refinement, max_sweeps=100)
+    known = refinement.known_map()
+    spec = known.spec
+    rows, columns = np.indices(known.probability.shape)
+    x = (columns + spec.column0 + 0.5) * 0.1 - 0.02
+    y = (rows + spec.row0 + 0.5) * 0.1 - 0.03
+    out = np.maximum(np.abs(x), np.abs(y))
+    shown = np.isfinite(known.probability)
+    assert not shown[out > 2.25].any()
+    assert shown[(out < 1.9)].all()
+    assert (known.probability[out < 1.8] < 0.2).all()
+    assert shown.sum() < np.isfinite(refinement.map().probability).sum()
+
+
+def hall(beams=8, side_m=8.0):
+    """Scans of few beams in an empty square hall that begins at the origin."""
+    placed = []
+    places = ((2.05, 2.05), (6.05, 2.05), (2.05, 6.05), (6.05, 6.05), (4.05, 4.05))
+    for number, (x, y) in enumerate(places):
+        first, step = 0.1 + 0.2 * number, 2.0 * math.pi / beams
+        bearings = first + step * np.arange(beams)
+        ahead, aside = np.cos(bearings), np.sin(bearings)
+        far = np.minimum(
+            np.where(ahead > 0.0, side_m - x, -x) / ahead,
+            np.where(aside > 0.0, side_m - y, -y) / aside,
+        )
+        placed.append(
+            PlacedScan.at(fan(*far, bearing=first, increment=step), Pose2D(x, y)),
+        )
+    return placed
+
+
+@pytest.mark.filterwarnings('ignore:.*prior learned at')
+def test_space_between_few_beams_does_not_fill_with_specks():
+    """Nothing stands in the hall: were patches not told apart, 5 % would be occupied by then."""
+    config = RefineSamplerConfig()
+    refinement = Refinement(
+        replace(config, window=replace(config.window, resolution=0.1, no_return='ignore'))
+    )
+    refinement.take(hall())
+    run(refinement, max_sweeps=200)
+    inside = [
+        sum(5 <= column < 75 and 5 <= row < 75 for column, row in cells)
+        for cells in maps(refinement)
+    ]
+    assert max(inside) < 0.02 * 70 * 70
+
+
+@pytest.mark.filterwarnings('ignore:.*prior learned at')
+@pytest.mark.parametrize('start', ['free', 'occupied', 'live'])
+def test_the_map_is_the_same_from_any_start(start):
+    found = []
+    for kind in ('dispersed', start):
+        refinement = Refinement(learned(start=kind))
+        refinement.take([room()])
+        run(refinement, max_sweeps=150)
+        found.append(refinement.known_map().probability)
+    both = np.isfinite(found[0]) & np.isfinite(found[1])
+    assert both.sum() > 0.95 * max(np.isfinite(p).sum() for p in found)
+    assert np.abs(found[0] - found[1])[both].mean() < 0.01

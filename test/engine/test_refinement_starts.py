@@ -1,0 +1,193 @@
+"""Where chains start: from maps of before, a map that is given, or the live map."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.refinements import FIRST, SECOND, THIRD, lattice_map, maps, run, settings, taken
+from support.strategies import fan
+
+from ogm_mcmc.config import (
+    ChainConfig,
+    ForwardModelConfig,
+    PatchConfig,
+    SamplerConfig,
+    StopConfig,
+    WindowConfig,
+)
+from ogm_mcmc.engine.refinement import Refinement, live_map
+from ogm_mcmc.errors import GridError
+from ogm_mcmc.geometry import PlacedScan, Pose2D, PoseBelief
+
+
+@pytest.mark.parametrize('scans', [[FIRST, SECOND, THIRD], [THIRD, FIRST]])
+def test_a_warm_start_begins_with_the_last_maps(scans):
+    refinement = taken(FIRST)
+    run(refinement, max_sweeps=40)
+    before = maps(refinement)
+    assert before[0] != before[1] or before[0]
+    refinement.take(scans)
+    assert refinement.sampler.sweeps == 0
+    spec = refinement.window.spec
+    touched = {
+        (k % spec.width + spec.column0, k // spec.width + spec.row0)
+        for k in refinement.sampler.model.touched.tolist()
+    }
+    assert maps(refinement) == [cells & touched for cells in before]
+
+
+def test_what_scans_newly_tell_of_begins_free_not_as_the_solid_around_patches():
+    patch = PatchConfig(prior='uniform', size=9, margin=1)
+    refinement = Refinement(replace(settings(), patch=patch))
+    refinement.take([FIRST, THIRD])
+    before, box = cells_of(refinement), refinement.window.spec.box
+    refinement.take([FIRST, THIRD, SECOND])
+    assert refinement.window.spec.box == box
+    new = cells_of(refinement) - before
+    assert new
+    assert all(not cells & new for cells in maps(refinement))
+
+
+def cells_of(refinement):
+    """Return columns and rows on the lattice of the cells that are drawn."""
+    spec, cells = refinement.window.spec, refinement.sampler.model.touched
+    return {(k % spec.width + spec.column0, k // spec.width + spec.row0) for k in cells.tolist()}
+
+
+def test_taking_the_same_again_draws_other_numbers():
+    """Else every round would follow the last one's path, and what it adds would be nothing."""
+    refinement = taken(FIRST, SECOND)
+    runs = []
+    for _ in range(3):
+        refinement.sampler.states = [
+            refinement.sampler.model.start(np.zeros(refinement.sampler.model.n_cells, np.uint8))
+            for _ in refinement.sampler.states
+        ]
+        refinement.sampler.advance(30)
+        runs.append(refinement.sampler.estimate().mean.tolist())
+        refinement.take([FIRST, SECOND])
+    assert runs[0] != runs[1]
+    assert runs[1] != runs[2]
+    assert runs[0] != runs[2]
+
+
+def test_a_start_map_is_thresholded_where_it_lies():
+    """A map of other bounds on the same lattice, nan in it."""
+    grid = lattice_map([[0.9, 0.4], [math.nan, 0.6]], column0=1, row0=0)
+    refinement = taken(FIRST, start=grid, start_threshold=0.6, prior=0.1)
+    spec = refinement.window.spec
+    sampled = {
+        (k % spec.width + spec.column0, k // spec.width + spec.row0)
+        for k in refinement.sampler.model.touched.tolist()
+    }
+    for cells in maps(refinement):
+        # float32(0.6) is above 0.6.
+        assert cells == {(1, 0), (2, 1)} & sampled
+    assert {(1, 0)} <= sampled
+
+
+@pytest.mark.parametrize(
+    'other', [{'resolution_m': 0.25}, {'anchor_x_m': 0.1}, {'anchor_y_m': -0.25}]
+)
+@pytest.mark.parametrize('warm', [False, True])
+def test_a_start_map_of_another_lattice_is_refused_before_anything_changes(other, warm):
+    refinement = Refinement(settings())
+    if warm:
+        refinement.take([FIRST])
+    before = refinement.window, refinement.window.index, refinement.sampler
+    with pytest.raises(GridError, match=r'start map with cells of .* expected 0.5 m at'):
+        refinement.take([FIRST, SECOND], lattice_map([[0.5]], **other))
+    assert (refinement.window, refinement.window.index, refinement.sampler) == before
+    assert refinement.settings()['scans'] == (1 if warm else 0)
+    assert refinement.take([FIRST, SECOND]) == 7
+
+
+def test_a_start_map_is_where_chains_begin_that_were_elsewhere():
+    """Whoever names a start means it; the numbers drawn are new ones all the same."""
+    refinement = taken(FIRST)
+    first = refinement.sampler.rngs[0].bit_generator.state
+    run(refinement, max_sweeps=40)
+    before = maps(refinement)
+    refinement.take([FIRST, SECOND], lattice_map([[0.0, 0.9]]))
+    assert maps(refinement) == [{(1, 0)}] * 2
+    assert before != [{(1, 0)}] * 2
+    assert refinement.sampler.rngs[0].bit_generator.state != first
+    assert refinement.sampler.sweeps == 0
+
+
+def test_chains_start_from_the_live_map():
+    grid = live_map([FIRST, SECOND], settings().window)
+    rows, columns = np.nonzero(grid.probability >= 0.5)
+    expected = set(zip(columns + grid.spec.column0, rows + grid.spec.row0, strict=True))
+    assert len(expected) > 2
+    refinement = Refinement(settings(start='live', chains=3, prior=0.2))
+    refinement.take([FIRST, SECOND])
+    assert maps(refinement) == [expected] * 3
+
+
+@pytest.mark.parametrize(
+    'patch',
+    [PatchConfig(), pytest.param(PatchConfig(prior='uniform', size=9), marks=pytest.mark.jit)],
+    ids=['cells', 'patches'],
+)
+def test_chains_begin_anew_where_scans_were_placed_anew_and_go_on_elsewhere(patch):
+    """Two rooms, of which one turns out to lie 0.6 m aside."""
+    config = SamplerConfig(
+        model=ForwardModelConfig(sigma=0.05),
+        window=WindowConfig(resolution=0.2),
+        chain=ChainConfig(chains=2, burn_in=0),
+        patch=patch,
+    )
+    circle = {'bearing': 0.0, 'increment': math.pi / 20.0}
+    scans = [
+        PlacedScan.at(fan(*[2.0] * 40, **circle), Pose2D(x + 0.05 * k, 0.0))
+        for x in (0.0, 20.0)
+        for k in range(5)
+    ]
+    refinement = Refinement(config)
+    refinement.take(scans)
+    assert not refinement.corrected
+    list(refinement.run(StopConfig(max_sweeps=30)))
+    before, old = list(refinement.sampler.states), refinement.window.spec
+    placed = [
+        one if one.pose.x_m < 10.0 else PlacedScan.at(one.scan, Pose2D(one.pose.x_m + 0.6, 0.0))
+        for one in scans
+    ]
+    refinement.take(placed)
+    assert refinement.corrected
+    new, fresh = refinement.window.spec, Refinement(config)
+    fresh.take(placed)
+    middle = 50 - new.column0
+    for now, state, first in zip(
+        refinement.sampler.states, before, fresh.sampler.states, strict=True
+    ):
+        is_now, was = (c.reshape(new.height, -1) for c in (now.cells, state.cells))
+        begins = first.cells.reshape(new.height, -1)
+        assert np.array_equal(is_now[:, :middle], was[:, : 50 - old.column0])
+        assert not np.array_equal(is_now[:, :middle], begins[:, :middle])
+        # Patches forget their start by draws, here of fewer cells.
+        share = np.mean(is_now[:, middle:] != begins[:, middle:])
+        assert share <= (0.0 if patch.size == 1 else 0.1)
+
+
+def test_chains_that_go_on_with_a_few_more_scans_count_soon():
+    """Once their burn-in is behind them; not where scans moved, nor from a map that is given."""
+    many = [FIRST] * 9
+    refinement = taken(*many, burn_in=30)
+
+    def burn_in_with(scans, start=None):
+        refinement.take(scans, start)
+        return refinement.sampler.burn_in
+
+    assert burn_in_with([*many, SECOND]) == 30  # none was counted yet
+    run(refinement, max_sweeps=31)
+    assert burn_in_with([*many, SECOND, THIRD]) == 10
+    run(refinement, max_sweeps=31)
+    assert burn_in_with([*many, SECOND, THIRD, SECOND, THIRD]) == 30  # more than a few
+    run(refinement, max_sweeps=31)
+    assert burn_in_with(many, refinement.map()) == 30
+    run(refinement, max_sweeps=31)
+    assert burn_in_with(many[:5]) == 10
+    run(refinement, max_sweeps=31)
+    assert burn_in_with([PlacedScan(FIRST.scan, PoseBelief(Pose2D(0.7, -0.4)))] * 5) == 30
