@@ -44,13 +44,17 @@ class ComputedPoses:
         frames = frozenset(moving)
         self.moving = MountOutlet(node, self.topics.base_frame, frames) if frames else None
         self.missing = 0
-        self._last_ns = -RESTART_NS - 1
+        self.restart()
 
     @property
     def outlets(self) -> dict[str, Publisher]:
         """Publishers by topic."""
         moving = {} if self.moving is None else {MOUNT_TOPIC: self.moving.publisher}
         return {TOPIC: self.outlet, **moving}
+
+    def restart(self) -> None:
+        """Begin the recording again: scans are not those of a moment ago, however short it is."""
+        self._last_ns = -RESTART_NS - 1
 
     def before(self, record: BagRecord) -> list[str]:
         """Publish what a scan that goes next needs; return on which topics."""

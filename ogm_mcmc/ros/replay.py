@@ -223,6 +223,8 @@ class Replay(Node):
                 f'{bag.duration_ns / 1e9:g} s the bag lasts'
             )
         total = sum(topic.n_messages for topic in bag.topics() if topic.name in topics)
+        if self.poses is not None:
+            self.poses.restart()
         self._wall, last_ns = time.monotonic(), start_ns
         bar = tqdm(
             total=total, unit=' msg', desc='replay', disable=not self.settings.progress, leave=True

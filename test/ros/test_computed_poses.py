@@ -1,13 +1,17 @@
 """`replay` of recordings whose poses cannot be sent as they are."""
 
 import json
+from functools import partial
+from threading import Thread
 
 import pytest
 
 pytest.importorskip('rclpy', reason='rclpy is not installed: no ROS tests')
 
 from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped
+from rclpy.parameter import Parameter
 from sensor_msgs.msg import LaserScan
+from support.local_ros import local_node
 from support.ros import NodeProcess, Observer
 from support.transforms import transform
 
@@ -15,6 +19,7 @@ from ogm_mcmc.geometry import Pose2D
 from ogm_mcmc.io import messages
 from ogm_mcmc.io.ros_types import odometry
 from ogm_mcmc.io.tf_messages import read_transform
+from ogm_mcmc.ros.replay import Replay
 
 pytestmark = [pytest.mark.ros]
 
@@ -107,3 +112,18 @@ def test_poses_of_a_file(write_bag, records, tmp_path):
     poses, done, _ = replayed(write_bag(records), '--trajectory', path, '--topics', 'scan')
     assert done['published'] == {'pose': 6, '/scan': 6}
     assert poses[0].pose.pose.position.y == pytest.approx(2.05)
+
+
+def test_a_recording_of_less_than_a_second_played_again_has_its_poses_again(write_bag, records):
+    values = {'loop': True, 'rate': 0.0, 'wait': 0.0, 'pose_source': 'tf'}
+    overrides = [Parameter(name, value=value) for name, value in values.items()]
+    make = partial(Replay, write_bag(records), parameter_overrides=overrides)
+    with local_node(make) as node:
+        player = Thread(target=node.play)
+        player.start()
+        node.until(lambda: node.counts.loops >= 3)
+        node.stopped.set()
+        player.join()
+        published, loops = node.counts.published, node.counts.loops
+        assert published['/scan'] >= 6 * (loops - 1)
+        assert published['pose'] >= 5 * (loops - 1)
