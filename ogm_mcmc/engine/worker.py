@@ -362,6 +362,10 @@ class RefineWorker:
         mean = sampler.estimate() if final else sampler.present_estimate()
         grid_map = refinement.known_map(mean)
         samples = self._kept.bits(sampler, refinement.window.spec)
+        if samples is not None:
+            # Where the mean says nothing their cells are the prior's, one by one: calibrated
+            # worse than as the one chance that all unknown space is to `collision_risk`.
+            samples = samples.known_in(grid_map)
         with self._changed:
             if self._forget:
                 return
