@@ -68,9 +68,7 @@ class PlacedScans:
             topics.map_frame,
             topics.base_frame,
             complete=True,
-            max_gap_s=choice.max_pose_gap_s,
-            max_speed_m_s=choice.max_speed_m_s,
-            max_turn_rad_s=choice.max_turn_rad_s,
+            **choice.limits,
         )
         source: PoseSource = transforms if topics.pose_source == 'tf' else self._history()
         mounts = Mounts(
@@ -88,9 +86,7 @@ class PlacedScans:
         """Return the poses of a trajectory, or none yet."""
         known = self.topics.trajectory
         history = PoseHistory(
-            max_gap_s=self.choice.max_pose_gap_s,
-            max_speed_m_s=self.choice.max_speed_m_s,
-            max_turn_rad_s=self.choice.max_turn_rad_s,
+            **self.choice.limits,
             keep=10_000 if known is None else max(1, len(known.poses)),
         )
         if known is not None:
@@ -159,15 +155,13 @@ class PlacedScans:
         found = odometry_among(self.topics.poses, self.topics.base_frame, self.topics.tree)
         if found is None:
             return None
-        self.odometry_name, choice = str(found), self.choice
+        self.odometry_name, limits = str(found), self.choice.limits
         source: PoseSource
         if found.candidate.kind == TF:
             frames = found.candidate.frame, found.candidate.child_frame
-            source = TfPoses(
-                self.topics.tree, *frames, complete=True, max_gap_s=choice.max_pose_gap_s
-            )
+            source = TfPoses(self.topics.tree, *frames, complete=True, **limits)
         else:
-            source = history = PoseHistory(max_gap_s=choice.max_pose_gap_s, keep=LONGEST)
+            source = history = PoseHistory(keep=LONGEST, **limits)
             for record in self.bag.records((found.candidate.name,)):
                 with contextlib.suppress(PoseError, BagError):
                     message: Any = self.bag.decode(record)

@@ -32,6 +32,7 @@ from ogm_mcmc.engine.pose_choice import (
     PoseChoice,
     tf_candidates,
 )
+from ogm_mcmc.engine.pose_history import PoseLimits
 from ogm_mcmc.engine.pose_motion import choose_robot_poses
 from ogm_mcmc.engine.tf_poses import TfFrames, guess_frames
 from ogm_mcmc.engine.transform_tree import TransformTree
@@ -75,6 +76,15 @@ class StreamChoice:
     map_frame: str = ''
     base_frame: str = ''
     beliefs: bool = True
+
+    @property
+    def limits(self) -> PoseLimits:
+        """Between which poses those of a scan are taken: arguments of a source of poses."""
+        return {
+            'max_gap_s': self.max_pose_gap_s,
+            'max_speed_m_s': self.max_speed_m_s,
+            'max_turn_rad_s': self.max_turn_rad_s,
+        }
 
 
 class StreamTopics(NamedTuple):

@@ -7,7 +7,7 @@ moves fit is estimated with the poses.
 
 from __future__ import annotations
 
-from collections import deque
+from bisect import bisect, insort
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -15,7 +15,7 @@ import numpy as np
 from ogm_mcmc.arrays import AnyArray, Float64Array
 from ogm_mcmc.engine.placing import PoseSource
 from ogm_mcmc.engine.pose_choice import TF, PoseChoice, RankedPoses
-from ogm_mcmc.engine.pose_history import PoseHistory, Unplaceable, Waiting
+from ogm_mcmc.engine.pose_history import RESTART_NS, PoseHistory, Unplaceable, Waiting
 from ogm_mcmc.engine.transform_tree import TransformTree
 from ogm_mcmc.errors import PoseError
 from ogm_mcmc.geometry import PlacedScan, Pose2D, PoseBelief
@@ -25,6 +25,8 @@ from ogm_mcmc.trajectory import Moves
 __all__ = [
     'OdometryAt',
     'OdometryTrack',
+    'is_called_odom',
+    'is_of_base',
     'odometry_among',
     'odometry_frame',
     'said_odometry',
@@ -50,11 +52,16 @@ class OdometryTrack:
     def __init__(self, source: PoseSource | None = None) -> None:
         self.source: PoseSource = PoseHistory(keep=2000) if source is None else source
         self._known: dict[int, Pose2D] = {}
-        self._waiting: deque[int] = deque(maxlen=MOST_WAITING)
+        self._waiting: list[int] = []  # in order
 
     def __len__(self) -> int:
         """Return the number of stamps at which it is known."""
         return len(self._known)
+
+    @property
+    def n_waiting(self) -> int:
+        """The number of stamps at which it may still become known."""
+        return len(self._waiting)
 
     def add(self, stamp_ns: int, belief: PoseBelief) -> None:
         """Take a pose of the odometry, where that comes as messages."""
@@ -63,23 +70,33 @@ class OdometryTrack:
 
     def want(self, stamp_ns: int) -> None:
         """Have the pose at a stamp kept, now or when it is known."""
-        self._waiting.append(stamp_ns)
+        waiting = self._waiting
+        if waiting and stamp_ns < waiting[-1] - RESTART_NS:  # time started again
+            del waiting[bisect(waiting, stamp_ns) :]
+        insort(waiting, stamp_ns)
+        if len(waiting) > MOST_WAITING:
+            del waiting[0]
         self.settle()
 
     def settle(self) -> None:
-        """Keep what is known by now of what is wanted."""
-        for _ in range(len(self._waiting)):
-            stamp_ns = self._waiting.popleft()
+        """Keep what is known by now of what is wanted.
+
+        Where the first stamp has to wait so have the later ones: they are not tried.
+        """
+        done = 0
+        for stamp_ns in self._waiting:
             try:
                 pose = self.source.at(stamp_ns).mean
             except Waiting:
-                self._waiting.append(stamp_ns)
+                break
             except (Unplaceable, PoseError):
-                continue
+                pass
             else:
                 self._known[stamp_ns] = pose
                 if len(self._known) > MOST_KNOWN:
                     del self._known[next(iter(self._known))]
+            done += 1
+        del self._waiting[:done]
 
     def at(self, stamp_ns: int) -> Pose2D | None:
         """Return the pose at a stamp that was wanted; None where it is not known."""
@@ -100,13 +117,12 @@ def odometry_among(poses: PoseChoice, base_frame: str, tree: TransformTree) -> R
     """
     if poses.chosen is not None and _is_odometry(poses.chosen):
         return None
-    known = tree.frames()
     found = [
         one
         for one in poses.others
         if _is_odometry(one)
         and one.coverage >= LEAST_COVERAGE
-        and (one.candidate.child_frame in ('', base_frame) or not known)
+        and is_of_base(one.candidate.child_frame, base_frame, tree)
     ]
     return max(found, key=lambda one: (one.coverage, one.candidate.kind != TF), default=None)
 
@@ -114,16 +130,22 @@ def odometry_among(poses: PoseChoice, base_frame: str, tree: TransformTree) -> R
 def _is_odometry(one: RankedPoses) -> bool:
     source = one.candidate
     kind = source.kind in (TF, ros_types.ODOMETRY)
-    return kind and _is_called_odom(source.frame)
+    return kind and is_called_odom(source.frame)
 
 
-def _is_called_odom(frame: str) -> bool:
+def is_of_base(child_frame: str, base_frame: str, tree: TransformTree) -> bool:
+    """Return whether odometry is that of the base, as far as tf knows."""
+    return child_frame in ('', base_frame) or not tree.frames()
+
+
+def is_called_odom(frame: str) -> bool:
+    """Return whether a frame has the name of odometry, with any prefix before a slash."""
     return frame.rsplit('/')[-1].lower().startswith('odom')
 
 
 def odometry_frame(tree: TransformTree, base_frame: str) -> str:
     """Return the frame of odometry above the base; empty where tf knows none."""
-    return next((frame for frame in tree.ancestors(base_frame)[1:] if _is_called_odom(frame)), '')
+    return next((frame for frame in tree.ancestors(base_frame)[1:] if is_called_odom(frame)), '')
 
 
 def wheel_moves(

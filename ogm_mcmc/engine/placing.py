@@ -57,7 +57,7 @@ DROP_REASONS = {
     'queue_full': 'too many scans were waiting for a pose',
     'pose_unusable': 'the pose at its stamp is not level or not finite',
     'pose_unavailable': 'the pose source has no pose at its stamp',
-    'scan_no_mount': 'tf does not say where its sensor sits on the base',
+    'scan_no_mount': 'nothing says where its sensor sits on the base',
     'scan_bad_mount': 'its sensor is not level with the base',
     'scan_off_map': 'the map would grow too large',
     'pose_wrong_frame': 'the pose is in another frame than the others',

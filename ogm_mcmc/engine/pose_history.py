@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
+from typing import TypedDict
 
 from ogm_mcmc.geometry import PoseBelief, interpolate
 from ogm_mcmc.geometry.motion import MAX_SPEED_M_S, MAX_TURN_RAD_S, jumps
 
-__all__ = ['RESTART_AFTER', 'RESTART_NS', 'PoseHistory', 'Unplaceable', 'Waiting']
+__all__ = ['RESTART_AFTER', 'RESTART_NS', 'PoseHistory', 'PoseLimits', 'Unplaceable', 'Waiting']
 
 NS_PER_S = 1_000_000_000
 
@@ -19,6 +20,14 @@ RESTART_AFTER = 10
 
 # 64 MB of them.
 MAX_PARTICLES = 2_000_000
+
+
+class PoseLimits(TypedDict):
+    """Limits that every source of poses takes."""
+
+    max_gap_s: float
+    max_speed_m_s: float
+    max_turn_rad_s: float
 
 
 class Waiting(Exception):  # noqa: N818 - a state, not an error

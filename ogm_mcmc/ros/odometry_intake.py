@@ -8,13 +8,18 @@ from nav_msgs.msg import Odometry
 from rclpy.node import Node
 
 from ogm_mcmc.config import PosesConfig
-from ogm_mcmc.engine.odometry import OdometryTrack, odometry_frame
+from ogm_mcmc.engine.odometry import (
+    OdometryTrack,
+    is_called_odom,
+    is_of_base,
+    odometry_frame,
+)
 from ogm_mcmc.engine.tf_poses import TfPoses
 from ogm_mcmc.errors import PoseError
 from ogm_mcmc.geometry import PlacedScan, Pose2D
 from ogm_mcmc.io import messages
 from ogm_mcmc.ros.pose_topics import AnyReliability
-from ogm_mcmc.ros.scan_intake import ScanIntake
+from ogm_mcmc.ros.scan_intake import ScanIntake, limit_poses
 
 __all__ = ['OdometryIntake']
 
@@ -35,6 +40,11 @@ class OdometryIntake:
         self.from_tf = source == 'tf'
         self.track = OdometryTrack()
         self._topic: AnyReliability | None = None
+        self.configure()
+
+    def configure(self) -> None:
+        """Take over the limits of poses, as the scans have them."""
+        limit_poses(self.track.source, self.intake.placing)
 
     def subscribe(self) -> None:
         """Begin to receive."""
@@ -48,11 +58,25 @@ class OdometryIntake:
         self.track.settle()
 
     def on_odometry(self, msg: Any) -> None:
-        """Take a pose of the odometry."""
+        """Take a pose of the odometry of the base."""
+        problems, frame, child = self.intake.problems, messages.frame_of(msg), _child_of(msg)
+        base = self.intake.mounts.base_frame
+        if not is_called_odom(frame):
+            problems.warn(
+                'odometry_wrong_frame',
+                f'odometry in frame {frame!r} dropped: expected one called odom',
+            )
+            return
+        if not is_of_base(child, base, self.intake.transforms.tree):
+            problems.warn(
+                'odometry_wrong_child',
+                f'odometry of {child!r} dropped: expected {base!r} (parameter base_frame)',
+            )
+            return
         try:
             belief = messages.read_pose(msg, with_covariance=False)
         except PoseError as error:
-            self.intake.problems.warn('odometry_invalid', f'odometry dropped: {error}')
+            problems.warn('odometry_invalid', f'odometry dropped: {error}')
         else:
             self.track.add(messages.stamp_of(msg), belief)
 
@@ -66,6 +90,7 @@ class OdometryIntake:
             if not frame:
                 return
             self.track = OdometryTrack(TfPoses(tree, frame, base))
+            self.configure()
         self.track.want(placed.scan.stamp_ns)
 
     def at(self, stamp_ns: int) -> Pose2D | None:
@@ -79,3 +104,7 @@ class OdometryIntake:
     def values(self) -> dict[str, object]:
         """Return what is known, for /diagnostics."""
         return {'scans with odometry': len(self.track)} if self.used else {}
+
+
+def _child_of(msg: Any) -> str:
+    return str(msg.child_frame_id).lstrip('/')

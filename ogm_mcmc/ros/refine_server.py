@@ -150,7 +150,8 @@ class RefineServer(ManagedNode):
     def tear_down(self) -> None:
         """Forget recording, chains and map."""
         self.worker.close()
-        del self.worker, self.recording, self.maps, self.intake
+        del self.worker, self.recording, self.maps, self.intake, self.odometry
+        del self.corrector, self.corrected, self.collisions
 
     def map_frame(self) -> str:
         """Return the frame of maps and poses; of odometry it is known when that comes."""
@@ -353,6 +354,7 @@ class RefineServer(ManagedNode):
         self.intake.configure(
             self.parameters.read(IntakeConfig), self.parameters.read(PlacingConfig)
         )
+        self.odometry.configure()
         self.recording.configure(self.parameters.read(RecordingConfig))
         self.worker.map_every_s = self.settings.map_update_interval
         self.maps.show(self.output)

@@ -26,12 +26,13 @@ from ogm_mcmc.geometry.rigid_transform import StampedTransform
 from ogm_mcmc.io import messages
 from ogm_mcmc.ros import qos
 from ogm_mcmc.ros.intake_health import Health, IntakeHealth
+from ogm_mcmc.ros.mount_topic import TOPIC as MOUNT_TOPIC
 from ogm_mcmc.ros.mount_topic import MountListener
 from ogm_mcmc.ros.pose_topics import AnyReliability, message_class, pose_reader
 from ogm_mcmc.ros.problems import Problems
 from ogm_mcmc.ros.tf_listener import TF_STATIC_TOPIC, TF_TOPIC, TfListener, tf_is_installed
 
-__all__ = ['ScanIntake']
+__all__ = ['ScanIntake', 'limit_poses']
 
 # Transforms are kept this long at least.
 KEEP_TF_S = 30.0
@@ -159,10 +160,7 @@ class ScanIntake:
         self.placer.max_waiting = settings.max_waiting_scans
         self.placer.deskew = placing.deskew
         for source in (self.placer.source, self.transforms):
-            if isinstance(source, PoseHistory | TfPoses):
-                source.max_gap_ns = round(placing.max_pose_gap * 1e9)
-                source.max_speed_m_s = placing.max_speed
-                source.max_turn_rad_s = placing.max_turn_rate
+            limit_poses(source, placing)
 
     def clear(self) -> None:
         """Forget the waiting scans and the poses, not the counts."""
@@ -318,7 +316,8 @@ class ScanIntake:
         if reason == 'pose_jump':
             return '; scans mapped before may lie wrong'
         if reason == 'scan_no_mount':
-            return f' ({self.transforms.base_frame} -> {scan.frame_id})'
+            told = 'from tf' if self.mount_topic is None else f'on {self._topic(MOUNT_TOPIC)}'
+            return f' ({self.transforms.base_frame} -> {scan.frame_id} is expected {told})'
         if reason not in POSE_MISSING:
             return ''
         source = self.placer.source
@@ -346,3 +345,11 @@ class ScanIntake:
             'poses received': self.counts['poses_received'],
             'scans at a last pose (standing still)': self.placer.n_held,
         }
+
+
+def limit_poses(source: PoseSource, placing: PlacingConfig) -> None:
+    """Have a source of poses keep to the limits of the parameters."""
+    if isinstance(source, PoseHistory | TfPoses):
+        source.max_gap_ns = round(placing.max_pose_gap * 1e9)
+        source.max_speed_m_s = placing.max_speed
+        source.max_turn_rad_s = placing.max_turn_rate

@@ -15,6 +15,7 @@ from ogm_mcmc.engine.odometry import (
     wheel_moves,
 )
 from ogm_mcmc.engine.pose_choice import TF, PoseCandidate, PoseChoice, RankedPoses
+from ogm_mcmc.engine.pose_history import PoseHistory
 from ogm_mcmc.engine.tf_poses import TfPoses
 from ogm_mcmc.engine.transform_tree import TransformTree
 from ogm_mcmc.geometry import PlacedScan, Pose2D, PoseBelief, Scan
@@ -151,3 +152,55 @@ def test_odometry_of_a_bag_is_found_beside_its_poses(write_bag, make_scan, make_
     assert odometry(stamps[3]).x_m == pytest.approx(0.3)
     assert odometry(stamps[3] + SECOND // 20).x_m == pytest.approx(0.35)
     assert odometry(stamps[0] - 1) is None
+
+
+@pytest.mark.parametrize(('limits', 'x_m'), [({}, None), ({'max_speed_m_s': 100.0}, 2.85)])
+def test_limits_of_poses_hold_for_the_odometry_of_a_bag(
+    write_bag, make_scan, make_pose, limits, x_m
+):
+    stamps = [20 * SECOND + k * SECOND // 10 for k in range(8)]
+    records = []
+    for k, stamp in enumerate(stamps):
+        records += [
+            ('/scan', stamp, make_scan(stamp)),
+            ('/pose', stamp, make_pose(stamp, 0.1 * k)),
+            ('/odom', stamp, ros_types.odometry(stamp, Pose2D(0.1 * k + 5.0 * (k > 3)), 1.0, 0.0)),
+        ]
+    wanted = StreamChoice(**limits)
+    with BagReader(write_bag(records, 'mcap')) as bag:
+        odometry = PlacedScans(bag, choose_topics(bag, wanted), wanted).odometry()
+    found = odometry(stamps[3] + SECOND // 20)
+    assert (None if found is None else found.x_m) == pytest.approx(x_m)
+
+
+class Counting(PoseHistory):
+    asked = 0
+
+    def at(self, stamp_ns):
+        self.asked += 1
+        return super().at(stamp_ns)
+
+
+def test_stamps_that_wait_are_not_all_tried_again():
+    track = OdometryTrack(Counting())
+    for k in range(1500):
+        track.want(k * SECOND)
+    assert track.source.asked == 1500
+    assert track.n_waiting == 1000
+    track.add(1400 * SECOND, PoseBelief(Pose2D()))
+    track.add(1401 * SECOND, PoseBelief(Pose2D(1.0)))
+    track.settle()
+    assert (len(track), track.n_waiting) == (2, 98)
+
+
+def test_stamps_wait_in_order_and_those_ahead_of_a_restart_are_forgotten():
+    track = OdometryTrack()
+    for seconds in (9.0, 9.5, 9.2):  # of several sensors
+        track.want(round(seconds * SECOND))
+    track.add(9 * SECOND, PoseBelief(Pose2D()))
+    track.add(round(9.3 * SECOND), PoseBelief(Pose2D(0.3)))
+    track.settle()
+    assert track.at(round(9.2 * SECOND)).x_m == pytest.approx(0.2)
+    assert track.n_waiting == 1
+    track.want(SECOND)
+    assert track.n_waiting == 0  # 9.5 s is of the time before; 1 s is older than all odometry

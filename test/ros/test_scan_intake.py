@@ -277,7 +277,20 @@ def test_tf_that_is_asked_for_is_waited_for(tf_bench):
     assert taken.used == []
     assert taken.problems == {'scan_no_mount': 1}
     (line,) = taken.logs.of('warning')
-    assert '(base_link -> laser)' in line
+    assert line.startswith(
+        "scan of 'laser' at 1.000 s dropped: nothing says where its sensor sits"
+    )
+    assert '(base_link -> laser is expected from tf)' in line
+
+
+def test_a_mount_that_is_asked_for_on_a_topic_is_named_by_it(bench):
+    taken = bench(mount_source='topic')
+    taken.intake.on_pose(pose(1.0))
+    taken.scan(1.0)
+    assert taken.problems == {'scan_no_mount': 1}
+    (line,) = taken.logs.of('warning')
+    assert '(base_link -> laser is expected on /mount)' in line
+    assert 'tf' not in line
 
 
 def test_a_corrected_mount_counts_from_then_on(tf_bench):
