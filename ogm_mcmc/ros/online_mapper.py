@@ -110,7 +110,9 @@ class OnlineMapper(ManagedNode):
 
     def tear_down(self) -> None:
         """Forget the map."""
-        del self.pipeline, self.maps, self.intake
+        if self.kept is not None:
+            self.kept.clear()  # ends the thread that makes the map anew
+        del self.pipeline, self.maps, self.intake, self.kept, self.trajectory
 
     # -- scans in ---------------------------------------------------------------------------
 

@@ -1,8 +1,11 @@
 """States of the nodes, and what may be done to a running one."""
 
+import contextlib
+import gc
 import signal
 import threading
 import time
+import weakref
 from types import SimpleNamespace
 
 import numpy as np
@@ -28,6 +31,7 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import LaserScan
 from std_srvs.srv import Trigger
 from support.local_ros import Logs, local_node
+from support.nav2_manager import LifecycleManager
 from support.ros import NodeProcess, Observer
 
 from ogm_mcmc.config.nodes import ManagedConfig
@@ -298,6 +302,72 @@ def test_what_the_active_node_made_is_gone_when_it_is_not():
             assert not list(node.clients)
         node.trigger_cleanup()
         assert not any(one.srv_name == '/small/ask' for one in node.services)
+
+
+@pytest.mark.parametrize(
+    ('make', 'held'),
+    [
+        (OnlineMapper, ('intake', 'pipeline', 'kept', 'trajectory')),
+        (RefineServer, ('intake', 'odometry', 'recording', 'corrector', 'collisions', 'worker')),
+    ],
+)
+def test_what_was_taken_in_is_let_go_by_a_cleanup(monkeypatch, make, held):
+    monkeypatch.setattr(make, 'warm_up', lambda node: None)
+    options = [Parameter('keep_scans', value=True)] if make is OnlineMapper else []
+    with local_node(make, parameter_overrides=options) as node:
+        node.trigger_deactivate()
+        known = [weakref.ref(getattr(node, name)) for name in held]
+        assert node.trigger_cleanup() == TransitionCallbackReturn.SUCCESS
+        gc.collect()
+        left = [name for name, one in zip(held, known, strict=True) if one() is not None]
+        assert left == []
+        node.trigger_configure()
+        node.trigger_activate()
+        node.until(lambda: node.working)
+
+
+def test_nav2s_manager_leads_both_nodes_through_their_states(monkeypatch):
+    """By a stand-in that does as its published code does: see `support.nav2_manager`."""
+    for make in (OnlineMapper, RefineServer):
+        monkeypatch.setattr(make, 'warm_up', lambda node: None)
+    names = ('online_mapper', 'refine_server')
+    options = {'ready': False, 'parameter_overrides': managed()}
+    with (
+        local_node(OnlineMapper, **options) as mapper,
+        local_node(RefineServer, **options) as server,
+        Observer() as observer,
+        spinning(mapper, server),
+    ):
+        manager = LifecycleManager(observer, names)
+
+        def states():
+            return [state_of(node) for node in (mapper, server)]
+
+        for command, state in (
+            (manager.startup, 'active'),
+            (manager.pause, 'inactive'),
+            (manager.resume, 'active'),
+            (manager.reset, 'unconfigured'),
+            (manager.startup, 'active'),
+            (manager.shutdown, 'finalized'),
+        ):
+            assert command(), (command.__name__, states())
+            assert states() == [state, state]
+        assert not manager.startup()
+
+
+@contextlib.contextmanager
+def spinning(*nodes):
+    done = threading.Event()
+    threads = [threading.Thread(target=node.until, args=(done.is_set, 60.0)) for node in nodes]
+    for thread in threads:
+        thread.start()
+    try:
+        yield
+    finally:
+        done.set()
+        for thread in threads:
+            thread.join()
 
 
 def test_dumped_parameters_can_be_loaded(user):
