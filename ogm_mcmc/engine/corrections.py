@@ -23,10 +23,10 @@ from ogm_mcmc.arrays import BoolArray, Float64Array, Int64Array
 from ogm_mcmc.engine.robot_track import MOST_POSES, RobotTrack, turned_back
 from ogm_mcmc.geometry import PlacedScan, Pose2D
 
-__all__ = ['Corrected', 'Corrector', 'Nodes', 'corrected_poses']
+__all__ = ['MOVED_CELLS', 'Corrected', 'Corrector', 'Nodes', 'corrected_poses', 'furthest_way']
 
 MOVED_CELLS = 0.25
-"""Scans that moved less are left where they are."""
+"""Scans that moved less are left where they are, and chains on them go on."""
 
 
 class Nodes(NamedTuple):
@@ -81,7 +81,7 @@ class Corrector:
         for index in map(int, _may_move(scans, poses, covered, nearly)):
             placed = scans[index]
             pose = Pose2D(*map(float, poses[index])).compose(placed.belief.offset)
-            way_m = _furthest_way(placed, pose)
+            way_m = furthest_way(placed, pose)
             if way_m > nearly:
                 found[index] = placed._replace(belief=placed.belief.carried_to(pose))
                 moved += 1
@@ -170,8 +170,8 @@ def _may_move(
     return candidates
 
 
-def _furthest_way(placed: PlacedScan, pose: Pose2D) -> float:
-    """Return an upper bound of how far any reading of a scan moves, m."""
+def furthest_way(placed: PlacedScan, pose: Pose2D) -> float:
+    """Return an upper bound of how far any reading of a scan moves to another pose, m."""
     scan, old = placed.scan, placed.pose
     way_m = math.hypot(pose.x_m - old.x_m, pose.y_m - old.y_m)
     turn = abs(math.remainder(pose.yaw_rad - old.yaw_rad, 2.0 * math.pi))

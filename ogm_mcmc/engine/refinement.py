@@ -49,8 +49,8 @@ __all__ = [
 # Judging chains takes a look at every batch of every cell: at most this share of the time.
 JUDGING_SHARE = 0.1
 
-# So many sweeps at most are not counted where settled chains go on with up to a tenth new scans.
-WARM_BURN_IN = 10
+# So many sweeps at most, enough to see what moves, where at most a tenth of the scans are new.
+WARM_BURN_IN = 16
 
 # The setting of a saved state that holds what was found of the beams.
 FOUND = 'found'
@@ -115,10 +115,11 @@ class Refinement:
             window = self._indexed(scans, known if grows else 0)
             warm = [] if start is not None else self._present_maps(old, window.spec)
             moved = None if extends else moved_cells(window.spec, self._taken, scans)
-            grown = None
-            if grows and self.sampler is not None:
-                grown = Grown(self.sampler.model, old)
-            sampler = self._begun(window, scans, start, (warm, moved), grown)
+            on = self.sampler if grows else None
+            grown = None if on is None else Grown(on.model, old)
+            same = self.no_return.value == held[0].value and self.model == held[1]
+            soon = same and start is None and moved is None and self._knows(scans)
+            sampler = self._begun(window, scans, start, (warm, moved, soon), grown)
         except BaseException:
             self.no_return, self.model, self.sensor = held
             if self._index_spent:
@@ -179,16 +180,16 @@ class Refinement:
         window: RayWindow,
         scans: Sequence[PlacedScan],
         start: GridMap | None,
-        warm: tuple[list[UInt8Array], BoolArray | None],
+        warm: tuple[list[UInt8Array], BoolArray | None, bool],
         grown: Grown | None,
     ) -> PosteriorSampler:
         """Return chains on a window of scans, where they begin.
 
-        warm  the maps (K,) of the chains, none without, and where (K,) scans were placed anew
+        warm  maps (K,) of the chains, if any; where (K,) scans were placed anew; a short burn-in
         """
         chain, spec = self.config.chain, window.spec
         model = self._posterior(window, grown)
-        starts, moved = warm
+        starts, moved, soon = warm
         if start is not None:
             starts = [cells_on(spec, start, chain.start_threshold, chain.prior)] * chain.chains
         elif not starts or moved is not None:
@@ -199,15 +200,19 @@ class Refinement:
             starts = fresh
             if self._table is not None:
                 starts = forgotten(model, starts, chain.seed, only)
-        burn_in, few = chain.burn_in, 10 * (len(scans) - len(self._taken)) <= len(scans)
-        if few and self.sampler and self.sampler.counted and start is None and moved is None:
-            burn_in = min(burn_in, WARM_BURN_IN)
+        burn_in = min(chain.burn_in, WARM_BURN_IN) if soon else chain.burn_in
         sampler = PosteriorSampler(model, starts, seed=chain.seed, burn_in=burn_in)
         if self.sampler is not None:
             # From the seed, chains would repeat the numbers that brought them where they are. The
             # generators are in a saved state, too: chains taken up again draw the same from here.
             sampler.rngs = self.sampler.rngs
         return sampler
+
+    def _knows(self, scans: Sequence[PlacedScan]) -> bool:
+        """Return whether chains have counted on all but a tenth of these scans, or more."""
+        taken = {id(one.scan) for one in self._taken}
+        new = sum(id(one.scan) not in taken for one in scans)
+        return self.sampler is not None and self.sampler.counted > 0 and 10 * new <= len(scans)
 
     def _present_maps(self, old: GridSpec, new: GridSpec) -> list[UInt8Array]:
         """Return the maps (K,) of the chains, none without, where their cells are now.

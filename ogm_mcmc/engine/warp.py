@@ -29,6 +29,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ogm_mcmc.arrays import BoolArray, UInt8Array
+from ogm_mcmc.engine.corrections import MOVED_CELLS, furthest_way
 from ogm_mcmc.engine.warp_kernels import mark_moved
 from ogm_mcmc.geometry import GridSpec, PlacedScan
 
@@ -58,11 +59,13 @@ def moved_cells(
     """Return which cells (K,) lie where scans were placed anew; None when none was.
 
     Cells go with the nearest place of a scan that is in both lists (the same one, at another
-    pose): those where a scan came to, and those where it was before.
+    pose): those where a scan came to, and those where it was before. No reading by more than a
+    quarter of a cell, `MOVED_CELLS`, is no move: joint poses differ a little at every look.
     """
     by_scan = {id(one.scan): one for one in taken}
     pairs = [(by_scan[id(one.scan)], one) for one in placed if id(one.scan) in by_scan]
-    moved = [old.pose != new.pose for old, new in pairs]
+    nearly = MOVED_CELLS * spec.resolution_m
+    moved = [old.pose != new.pose and furthest_way(old, new.pose) > nearly for old, new in pairs]
     if not any(moved):
         return None
     places = [(new.pose, anew) for (_, new), anew in zip(pairs, moved, strict=True)]

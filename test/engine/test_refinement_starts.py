@@ -16,9 +16,14 @@ from ogm_mcmc.config import (
     StopConfig,
     WindowConfig,
 )
-from ogm_mcmc.engine.refinement import Refinement, live_map
+from ogm_mcmc.engine.no_returns import NoReturnChoice, NoReturns
+from ogm_mcmc.engine.refinement import WARM_BURN_IN, Refinement, live_map
 from ogm_mcmc.errors import GridError
 from ogm_mcmc.geometry import PlacedScan, Pose2D, PoseBelief
+
+
+def copied(scan):
+    return PlacedScan(replace(scan.scan), scan.belief)
 
 
 @pytest.mark.parametrize('scans', [[FIRST, SECOND, THIRD], [THIRD, FIRST]])
@@ -182,12 +187,55 @@ def test_chains_that_go_on_with_a_few_more_scans_count_soon():
 
     assert burn_in_with([*many, SECOND]) == 30  # none was counted yet
     run(refinement, max_sweeps=31)
-    assert burn_in_with([*many, SECOND, THIRD]) == 10
+    assert burn_in_with([*many, SECOND, THIRD]) == WARM_BURN_IN
     run(refinement, max_sweeps=31)
-    assert burn_in_with([*many, SECOND, THIRD, SECOND, THIRD]) == 30  # more than a few
+    assert burn_in_with([*many, *map(copied, (SECOND, THIRD))]) == 30  # more than a few
     run(refinement, max_sweeps=31)
     assert burn_in_with(many, refinement.map()) == 30
     run(refinement, max_sweeps=31)
-    assert burn_in_with(many[:5]) == 10
+    assert burn_in_with(many[:5]) == WARM_BURN_IN
     run(refinement, max_sweeps=31)
     assert burn_in_with([PlacedScan(FIRST.scan, PoseBelief(Pose2D(0.7, -0.4)))] * 5) == 30
+
+
+def test_a_window_of_other_scans_burns_in_however_many_they_are():
+    """New scans are told by what they are: a full window lets as many go as come."""
+    many = [copied(FIRST) for _ in range(20)]
+    refinement = taken(*many, burn_in=30)
+    for replaced, expected in ((2, WARM_BURN_IN), (3, 30), (20, 30)):
+        run(refinement, max_sweeps=31)
+        many = many[replaced:] + [copied(FIRST) for _ in range(replaced)]
+        refinement.take(many)
+        assert refinement.sampler.burn_in == expected
+    run(refinement, max_sweeps=31)
+    # Placed anew by less than rounding: the same scans.
+    refinement.take([PlacedScan(one.scan, one.belief.carried_to(one.pose)) for one in many])
+    assert refinement.sampler.burn_in == WARM_BURN_IN
+
+
+@pytest.mark.parametrize('changed', ['no_return', 'model'])
+def test_chains_burn_in_where_scans_mean_another_thing(monkeypatch, changed):
+    many = [FIRST] * 9
+    refinement = taken(*many, burn_in=30)
+    run(refinement, max_sweeps=31)
+    if changed == 'no_return':
+        other = NoReturnChoice('ignore', 'auto', NoReturns(100, 90))
+        assert refinement.no_return.value != other.value
+        monkeypatch.setattr('ogm_mcmc.engine.refinement.no_return_of', lambda *args: other)
+    else:
+        fitted = ForwardModelConfig(sigma=0.2)
+        monkeypatch.setattr('ogm_mcmc.engine.refinement.fit_sensor', lambda *args: (fitted, None))
+    refinement.take(many[:8])
+    assert refinement.sampler.burn_in == 30
+
+
+def test_chains_go_on_where_joint_poses_moved_all_scans_by_next_to_nothing():
+    """With every scan that comes all others are placed a little differently."""
+    many = [copied(FIRST) for _ in range(10)]
+    refinement = taken(*many, burn_in=30)
+    run(refinement, max_sweeps=31)
+    for step, corrected in ((1e-6, False), (0.3, True)):
+        pose = Pose2D(FIRST.pose.x_m + step, FIRST.pose.y_m, FIRST.pose.yaw_rad)
+        refinement.take([PlacedScan(one.scan, one.belief.carried_to(pose)) for one in many])
+        assert refinement.corrected == corrected
+        assert refinement.sampler.burn_in == (30 if corrected else WARM_BURN_IN)

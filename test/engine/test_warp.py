@@ -41,6 +41,20 @@ def test_nothing_moves_where_no_scan_moved():
     scans = [at(-2.0), at(2.0)]
     assert moved_cells(OLD, scans, []) is None
     assert moved_cells(OLD, scans, [*scans, at(0.0)]) is None
+    # A reading of 1 m turns by less than a quarter of a cell, or by more.
+    for hardly in (Pose2D(1e-6, -1e-6, 1e-6), Pose2D(0.024, 0.0)):
+        assert moved_cells(OLD, scans, moved(scans, hardly)) is None
+    turned = [at(-2.0, yaw=0.024), at(2.0)]
+    assert (
+        moved_cells(
+            OLD, scans, [one._replace(scan=o.scan) for one, o in zip(turned, scans, strict=True)]
+        )
+        is None
+    )
+    turned = [at(-2.0, yaw=0.026), at(2.0)]
+    assert moved_cells(
+        OLD, scans, [one._replace(scan=o.scan) for one, o in zip(turned, scans, strict=True)]
+    ).any()
     assert moved_cells(OLD, scans, moved(scans, Pose2D(0.1, 0.0))).all()
 
 
