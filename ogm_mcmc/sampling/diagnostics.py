@@ -131,11 +131,15 @@ class ChainQuality(NamedTuple):
 
 
 def split_r_hat(means: Float64Array, length: int) -> Float32Array:
-    """Gelman-Rubin R-hat of 0/1 cells from the means (S, C) of S sequences of `length` draws.
+    """Gelman-Rubin R-hat of 0/1 cells from the means (S, C) of S sequences of `length` sweeps.
 
     With W the mean of the variances inside the sequences and B/n that of their means,
     R-hat^2 = ((n - 1) / n W + B / n) / W. 1 where all are the same constant, inf where they are
     different constants.
+
+    Where probabilities were counted in place of draws B/n is the variance of their means, so of
+    the estimates themselves; W is p (1 - p) still, that of a cell drawn with them. Probabilities
+    vary less than draws: the same limit is then easier to pass than it is by draws.
     """
     within = (means * (1.0 - means)).mean(axis=0) * (length / (length - 1.0))
     between = means.var(axis=0, ddof=1)
