@@ -43,6 +43,11 @@ NODE_START_S = 400.0  # compiling all kernels on a slow machine
 SERVICE_S = 30.0
 INDEXING_S = 60.0  # beside the time for sampling
 
+# Of fewer maps nothing is known: a machine that is slow or busy gets more time, so often at most.
+LEAST_SWEEPS, MOST_ROUNDS = 16, 5
+
+Show = Callable[[dict[str, str]], None]
+
 # So many rays are swept often enough in the time that a demo may take.
 MOST_RAYS = 50_000
 BURN_IN = 10
@@ -131,7 +136,7 @@ def _map_and_refine(
         client.call('online_mapper/save_map', SERVICE_S)
         client.wait_for_map(SERVICE_S)
         with _progress_bar(options.sampling_time) as show:
-            refined = client.refine(options.sampling_time + INDEXING_S, alive, show)
+            refined = _refined(client, options.sampling_time + INDEXING_S, alive, show)
         client.call('refine_server/save_map', SERVICE_S)
         report = client.report()
     r_hat = float(refined['R-hat (99 % of cells below)'])
@@ -154,6 +159,17 @@ def _map_and_refine(
         'refined': {'saved': saved_refined, **figures},
         'side_by_side': str(sheet),
     }
+
+
+def _refined(
+    client: Any, timeout_s: float, alive: Callable[[], bool], show: Show
+) -> dict[str, str]:
+    """Have the map refined until something is known; return the last diagnostics."""
+    for _ in range(MOST_ROUNDS):
+        report: dict[str, str] = client.refine(timeout_s, alive, show)
+        if int(report['sweeps']) >= LEAST_SWEEPS:
+            break
+    return report
 
 
 def _beam_stride(source: DemoInput) -> int:
@@ -251,7 +267,7 @@ def _process(name: str, arguments: list[str]) -> Iterator[subprocess.Popen[bytes
 
 
 @contextlib.contextmanager
-def _progress_bar(seconds: float) -> Iterator[Callable[[dict[str, str]], None]]:
+def _progress_bar(seconds: float) -> Iterator[Show]:
     """Yield a function that shows diagnostics of the refiner on a bar of so many seconds."""
     bar_format = '{desc}: {percentage:3.0f}%|{bar}| {n:.0f}/{total:.0f} s{postfix}'
     with tqdm(total=seconds, desc='refine', bar_format=bar_format, file=sys.stderr) as bar:

@@ -125,6 +125,7 @@ class DemoClient:
         `seen` is given the diagnostics as they come.
         """
         self._wait_for_report(REFINER, timeout_s)
+        before = self.reports[REFINER].get('sweeps')
         self.call('refine_server/refine', timeout_s)
         last: list[dict[str, str]] = [{}]
 
@@ -133,7 +134,9 @@ class DemoClient:
             if report is not last[0]:
                 last[0] = report
                 seen(report)
-            return alive() and not (report['state'] == 'idle' and report['stopped because'])
+            ended = report['stopped because'] if report['state'] == 'idle' else ''
+            # The report of an earlier call has the sweeps of then.
+            return alive() and not (ended == 'error' or (ended and report['sweeps'] != before))
 
         if not self.spin_while(running, timeout_s):
             raise OgmError(f'refine_server: expected it to be done within {timeout_s:g} s')

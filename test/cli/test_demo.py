@@ -9,7 +9,28 @@ from ogm_mcmc.io.map_files import load_map
 
 pytest.importorskip('rclpy', reason='rclpy is not installed: no demo')
 
+from ogm_mcmc.cli.demo import MOST_ROUNDS, _refined
+
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
+
+
+class SlowRefiner:
+    """Goes on with its chains at each call, so many sweeps at a time."""
+
+    def __init__(self, sweeps):
+        self.sweeps_at_once, self.calls = sweeps, 0
+
+    def refine(self, timeout_s, alive, show):
+        self.calls += 1
+        return {'sweeps': str(self.calls * self.sweeps_at_once)}
+
+
+@pytest.mark.parametrize(('at_once', 'calls'), [(100, 1), (7, 3), (0, MOST_ROUNDS)])
+def test_a_slow_machine_gets_more_time(at_once, calls):
+    refiner = SlowRefiner(at_once)
+    report = _refined(refiner, 1.0, lambda: True, lambda report: None)
+    assert refiner.calls == calls
+    assert report['sweeps'] == str(calls * at_once)
 
 
 def test_demo_without_input_maps_the_simulated_building(run_process, tmp_path):

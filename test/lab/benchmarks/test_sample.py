@@ -17,9 +17,14 @@ from ogm_mcmc.sampling.gibbs_kernels import NOTHING, SLACK
 AT = PoseBelief(Pose2D(0.5, 0.5))
 
 
+def apart(number):
+    """A hair from there: equal poses have their rays in common."""
+    return PoseBelief(Pose2D(0.5 + 1e-6 * number, 0.5))
+
+
 def test_pairs_of_a_corridor_on_paper():
     """Two readings along a line of 20 cells of 1 m; not cut, and cut four sigma behind."""
-    placed = [PlacedScan(fan(3.0), AT), PlacedScan(fan(7.25), AT)]
+    placed = [PlacedScan(fan(3.0), apart(0)), PlacedScan(fan(7.25), apart(1))]
     whole = time_sampling(placed, scene_config(1.0, 0.0, 0.15), Effort(2, 3))
     assert whole['pairs'] == 2 * 21  # from the middle of a cell 20 m on
     assert whole['cells'] == 21
@@ -31,7 +36,8 @@ def test_pairs_of_a_corridor_on_paper():
 
 
 def test_result_holds_what_was_promised():
-    placed = [PlacedScan(fan(3.0, 5.0, 6.0, increment=0.1), AT)] * 20
+    scan = fan(3.0, 5.0, 6.0, increment=0.1)
+    placed = [PlacedScan(scan, apart(number)) for number in range(20)]
     result = time_sampling(placed, bag_config(0.5, 'ignore', 0.2), Effort(3, 5))
     assert 0.0 < result['ms_per_sweep'] <= result['median_ms_per_sweep']
     assert result['ns_per_pair'] == pytest.approx(
