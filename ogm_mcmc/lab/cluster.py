@@ -185,7 +185,8 @@ def _version() -> str:
 class ChainState(NamedTuple):
     """Where a chain stands: its map as bits (K / 8,), counts, generator, sweeps done.
 
-    `settling`: counts of the burn-in, as long as anything follows from them.
+    `settling`: counts of the burn-in, as long as anything follows from them; `in_focus`: where it
+    looks most, as bits (2 C / 8,), decided `after` so many sweeps; -1: nowhere.
     """
 
     cells: UInt8Array
@@ -193,6 +194,30 @@ class ChainState(NamedTuple):
     settling: BatchCounts | None
     rng: np.random.Generator
     sweeps: int
+    after: int
+    in_focus: UInt8Array
+
+    @classmethod
+    def of(cls, sampler: PosteriorSampler, j: int) -> ChainState:
+        """Return where a chain of a sampler stands."""
+        focus = sampler.focus.get(j)
+        return cls(
+            np.packbits(sampler.states[j].cells),
+            sampler.counts[j],
+            sampler.settling[j] if sampler.settling else None,
+            sampler.rngs[j],
+            sampler.sweeps,
+            -1 if focus is None else focus.after,
+            np.empty(0, np.uint8) if focus is None else np.packbits(focus.cells),
+        )
+
+    def focus_into(self, sampler: PosteriorSampler, j: int) -> None:
+        """Let a chain of a sampler look most where this one does."""
+        known = sampler.focus.get(j)
+        if self.after >= 0 and (known is None or known.after != self.after):
+            n = 2 * sampler.model.touched.size
+            cells = np.unpackbits(self.in_focus, count=n).reshape(2, -1).view(np.bool_)
+            sampler.look_at(j, self.after, cells)
 
 
 class Problem(NamedTuple):
@@ -231,7 +256,7 @@ class _DistantSampler(PosteriorSampler):
     ) -> None:
         super().__init__(here.model, [], seed=0, burn_in=here.burn_in)
         self.rngs, self.states, self.counts = here.rngs, here.states, here.counts
-        self.sweeps, self.settling = here.sweeps, here.settling
+        self.sweeps, self.settling, self.focus = here.sweeps, here.settling, here.focus
         self._problem, self._executor = problem, executor
         self._parcel = parcel
         self._shared: Any = None  # what stands for the parcel once it was sent
@@ -243,6 +268,7 @@ class _DistantSampler(PosteriorSampler):
             cells = np.unpackbits(chain.cells, count=self.model.n_cells)
             self.states[j] = self.model.start(cells)
             self.counts[j], self.rngs[j] = chain.counts, chain.rng
+            chain.focus_into(self, j)
         self.settling = [chain.settling for chain, _ in results if chain.settling is not None]
         self.sweeps += n_sweeps
         return sum(flips for _, flips in results)
@@ -252,13 +278,12 @@ class _DistantSampler(PosteriorSampler):
         for left in reversed(range(RETRIES)):
             if self._shared is None:
                 self._shared = share(self._executor, self._parcel)
+            standing = [ChainState.of(self, j) for j in range(len(self.states))]
+            sent = self._problem, self._shared
             futures = [
-                self._executor.submit(
-                    advance_chain, self._problem, self._shared, self._chain(j), self.burn_in,
-                    n_sweeps,
-                )
-                for j in range(len(self.states))
-            ]  # fmt: skip
+                self._executor.submit(advance_chain, *sent, chain, self.burn_in, n_sweeps)
+                for chain in standing
+            ]
             try:
                 return [future.result() for future in futures]
             except CancelledError:
@@ -269,11 +294,6 @@ class _DistantSampler(PosteriorSampler):
                 for future in futures:
                     future.cancel()
         raise AssertionError
-
-    def _chain(self, j: int) -> ChainState:
-        cells = np.packbits(self.states[j].cells)
-        settling = self.settling[j] if self.settling else None
-        return ChainState(cells, self.counts[j], settling, self.rngs[j], self.sweeps)
 
 
 def advance_chain(
@@ -287,10 +307,9 @@ def advance_chain(
     # Should this be done again, it has to begin at the same.
     sampler.counts, sampler.rngs = [copy.deepcopy(chain.counts)], [copy.deepcopy(chain.rng)]
     sampler.settling = [copy.deepcopy(chain.settling)] if chain.settling is not None else []
+    chain.focus_into(sampler, 0)
     flips = sampler.advance(n_sweeps)
-    cells = np.packbits(sampler.states[0].cells)
-    settling = sampler.settling[0] if sampler.settling else None
-    return ChainState(cells, sampler.counts[0], settling, sampler.rngs[0], sampler.sweeps), flips
+    return ChainState.of(sampler, 0), flips
 
 
 def share(executor: Executor, data: bytes) -> Any:
