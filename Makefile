@@ -7,6 +7,8 @@ PYTHON ?= $(shell for p in python3.12 python3.11 python3; do \
 	&& echo $$p && break; done)
 VENV := .venv
 PY := $(VENV)/bin/python
+PIP := $(PY) -m pip install --quiet --no-compile
+RUNS := $(VENV)/.runs
 READY := $(VENV)/.ready
 INPUT ?=
 
@@ -16,14 +18,20 @@ export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
 setup: $(READY)
 
-$(READY): setup.py
+# What runs: the package and ROS 2. Not compiled to .pyc on the way, which takes longer than what is used of it later.
+$(RUNS): setup.py
 	@test -n "$(PYTHON)" || { echo 'error: expected Python 3.11 or 3.12; name one: make PYTHON=...'; exit 2; }
 	$(PYTHON) -m venv $(VENV)
-	$(PY) -m pip install --quiet 'setuptools<80' wheel
-	$(PY) -m pip install --quiet --use-pep517 --no-build-isolation --editable '.[ros,test]'
+	$(PIP) 'setuptools<80' wheel
+	$(PIP) --use-pep517 --no-build-isolation --editable '.[ros]'
 	@touch $@
 
-demo: $(READY)
+# And what tests and figures need.
+$(READY): $(RUNS)
+	$(PIP) --use-pep517 --no-build-isolation --editable '.[ros,test]'
+	@touch $@
+
+demo: $(RUNS)
 	$(PY) -m ogm_mcmc demo $(INPUT) -o out/demo
 
 # A worker more than cores; files go to workers whole, those that take long first.
