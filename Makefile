@@ -18,12 +18,12 @@ export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
 setup: $(READY)
 
-# What runs: the package and ROS 2. Not compiled to .pyc on the way, which takes longer than what is used of it later.
+# What runs: the package, ROS 2 and pictures. Python compiles what it imports by itself, which takes less time.
 $(RUNS): setup.py
 	@test -n "$(PYTHON)" || { echo 'error: expected Python 3.11 or 3.12; name one: make PYTHON=...'; exit 2; }
 	$(PYTHON) -m venv $(VENV)
 	$(PIP) 'setuptools<80' wheel
-	$(PIP) --use-pep517 --no-build-isolation --editable '.[ros]'
+	$(PIP) --use-pep517 --no-build-isolation --editable '.[ros,plots]'
 	@touch $@
 
 # And what tests and figures need.
