@@ -65,20 +65,25 @@ def tile_of(column, row, grid):
 
 
 @inlined
+def near_entry(code, number, lists, near):
+    """Return where a ray is in the list of a cell, which holds it, by halving."""
+    low, high = np.int64(lists[number, NEAR]), np.int64(lists[number + 1, NEAR])
+    while high - low > 1:
+        middle = (low + high) >> 1
+        if near[middle, 0] <= code:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+@inlined
 def likelihood_there(code, cell, place, marks, lists, near, near_bits, rays, ray_bits):
     """Log p(z | a cell that the ray crosses, at that place, is its first hit)."""
     ray = code >> 2
     value = ray_bits[ray, LEVEL]
     if place >= near_place(rays[ray, START], rays[ray, SHAPE]):
-        number = list_of(cell, marks)
-        low, high = np.int64(lists[number, NEAR]), np.int64(lists[number + 1, NEAR])
-        while high - low > 1:
-            middle = (low + high) >> 1
-            if near[middle, 0] <= code:
-                low = middle
-            else:
-                high = middle
-        value = near_bits[low, 1]
+        value = near_bits[near_entry(code, list_of(cell, marks), lists, near), 1]
     return value
 
 

@@ -11,7 +11,7 @@ from ogm_mcmc.sampling.ray_filing_kernels import (
     near_from,
     sum_rounded_up,
 )
-from ogm_mcmc.sampling.ray_index_kernels import NEAR, WIDTH, list_of
+from ogm_mcmc.sampling.ray_index_kernels import WIDTH, list_of, near_entry
 from ogm_mcmc.sampling.ray_line_kernels import (
     RAY_WORDS,
     SHAPE,
@@ -86,16 +86,10 @@ def add_beams(
             if tells == 0 and abs(value - unseen) > TELLING:
                 tells = place + 1
             number = list_of(rows[p] * grid[WIDTH] + columns[p], marks)
-            low, high = np.int64(lists[number, NEAR]), np.int64(lists[number + 1, NEAR])
-            while high - low > 1:
-                middle = (low + high) >> 1
-                if near[middle, 0] <= code:
-                    low = middle
-                else:
-                    high = middle
-            old = near_bits[low, 1]
+            entry = near_entry(code, number, lists, near)
+            old = near_bits[entry, 1]
             new = np.float32(old + (value - np.float32(level)))
-            near_bits[low, 1] = new
+            near_bits[entry, 1] = new
             # What the beam alone can add bounds what the sum can add more, but for rounding.
             adds = np.float64(value) - lowest
             adds = max(adds, (np.float64(new) - after) - max(np.float64(old) - before, 0.0))
