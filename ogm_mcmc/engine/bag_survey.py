@@ -5,19 +5,23 @@ from __future__ import annotations
 from array import array
 from collections import Counter
 from collections.abc import Iterable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ogm_mcmc.arrays import Int64Array
 from ogm_mcmc.engine.transform_tree import TransformTree
 from ogm_mcmc.errors import BagError
+from ogm_mcmc.geometry.rigid_transform import StampedTransform
 from ogm_mcmc.io import ros_types
 from ogm_mcmc.io.bag_headers import stored_header
 from ogm_mcmc.io.bags import BagReader, BagRecord, BagTopic
 from ogm_mcmc.io.tf_messages import is_static, read_transforms
 
 __all__ = ['BagSurvey', 'SeenTopic', 'survey', 'topic_namespace', 'transform_topics']
+
+# So many transforms at fault are told of.
+MOST_FAULTS = 10
 
 
 class SeenTopic(NamedTuple):
@@ -43,11 +47,16 @@ class SeenTopic(NamedTuple):
 
 
 class BagSurvey(NamedTuple):
-    """What was seen: topics by name (those with messages), and the tree of transforms."""
+    """What was seen: topics by name (those with messages), and the tree of transforms.
+
+    `unstamped_frames` move, and every transform to them is stamped 0: it holds from when it was
+    recorded on.
+    """
 
     topics: dict[str, SeenTopic]
     tree: TransformTree
     faults: list[str]
+    unstamped_frames: tuple[str, ...] = ()
 
 
 def survey(bag: BagReader, headed: Iterable[BagTopic], tf: Iterable[BagTopic]) -> BagSurvey:
@@ -58,14 +67,10 @@ def survey(bag: BagReader, headed: Iterable[BagTopic], tf: Iterable[BagTopic]) -
     recorded: dict[str, dict[str, array[int]]] = {name: {} for name in known}
     stamped: set[str] = set()
     children: dict[str, str] = {}
-    tree = TransformTree()
-    faults: list[str] = []
+    transforms = _Transforms()
     for record in bag.records({*known, *tf_names}):
         if record.topic in tf_names:
-            read = read_transforms(bag.decode(record))
-            faults += read.faults[: 10 - len(faults)]
-            for entry in read.entries:
-                tree.add(entry, static=is_static(record.topic), arrival_ns=record.time_ns)
+            transforms.take(bag.decode(record), is_static(record.topic), record.time_ns)
             continue
         header = stored_header(record)
         if header is None:
@@ -86,7 +91,42 @@ def survey(bag: BagReader, headed: Iterable[BagTopic], tf: Iterable[BagTopic]) -
         if name not in stamped and sum(map(len, by_frame.values())) > 1:
             again = _seen(known[name], by_frame, children[name])
             seen[name] = again._replace(unstamped=True)
-    return BagSurvey(seen, tree, faults)
+    unstamped = transforms.finish()
+    return BagSurvey(seen, transforms.tree, transforms.faults, unstamped)
+
+
+class _Transforms:
+    """Transforms into a tree; of frames that never have a stamp by the times of recording."""
+
+    def __init__(self) -> None:
+        self.tree = TransformTree()
+        self.faults: list[str] = []
+        self._stamped: set[str] = set()
+        self._waiting: dict[str, list[tuple[StampedTransform, int]]] = {}  # stamped 0, by child
+
+    def take(self, message: Any, static: bool, time_ns: int) -> None:
+        """Take a message that was recorded at a time."""
+        read = read_transforms(message)
+        self.faults += read.faults[: MOST_FAULTS - len(self.faults)]
+        for entry in read.entries:
+            if not static and entry.stamp_ns == 0:
+                self._waiting.setdefault(entry.child, []).append((entry, time_ns))
+                continue
+            self._stamped.add(entry.child)
+            self.tree.add(entry, static=static, arrival_ns=time_ns)
+
+    def finish(self) -> tuple[str, ...]:
+        """Take what waits; return the frames that move and never have a stamp."""
+        unstamped = []
+        for child, waiting in self._waiting.items():
+            own = child in self._stamped
+            if not own and len(waiting) > 1:
+                unstamped.append(child)
+            for entry, time_ns in waiting:
+                # What is said once and for no time holds always.
+                static = not own and len(waiting) == 1
+                self.tree.add(entry if own else entry._replace(stamp_ns=time_ns), static=static)
+        return tuple(sorted(unstamped))
 
 
 def _child_frame(bag: BagReader, record: BagRecord) -> str:

@@ -47,6 +47,9 @@ COVARIANCE_SLACK = 1e-9
 # No robot is further from the origin of its map.
 FURTHEST_M = 1e6
 
+# Share of range_max by which a reading of it may be off: some steps of float32.
+ROUNDING = 1e-6
+
 # m^2 or rad^2: a belief wider than 1 km knows nothing.
 WIDEST_VARIANCE = 1e6
 
@@ -70,8 +73,8 @@ def frame_of(msg: Any) -> str:
 def read_scan(msg: Any, remark: Remark = say_nothing) -> Scan:
     """Read a sensor_msgs/LaserScan. Raises ScanError when it contradicts itself beyond use.
 
-    A reading of exactly range_max is what many drivers send when nothing was hit: it becomes inf,
-    as REP 117 would have it. `remark` gets one line for each odd value and how it was read.
+    A reading of range_max is what many drivers send when nothing was hit: it becomes inf, as
+    REP 117 would have it. `remark` gets one line for each odd value and how it was read.
     """
     ranges = msg.ranges
     # array.array of rclpy shares its memory with the message.
@@ -92,19 +95,26 @@ def read_scan(msg: Any, remark: Remark = say_nothing) -> Scan:
 
 
 def _no_returns(ranges: AnyArray, furthest: float) -> Float32Array:
-    """Return a copy of ranges (B,) in which those of exactly `furthest` are inf."""
-    # A message holds float32; whoever fills one in Python may have given more digits.
+    """Return a copy of ranges (B,) in which those of `furthest` are inf, up to rounding.
+
+    A message holds float32; whoever fills one in Python may have given more digits, and some
+    drivers send the next number below.
+    """
     with np.errstate(over='ignore'):
         readings = np.array(ranges, np.float32)
-        readings[readings == np.float32(furthest)] = np.inf
+        low, high = (
+            np.float32(furthest * (1.0 - ROUNDING)),
+            np.float32(furthest * (1.0 + ROUNDING)),
+        )
+    readings[(readings >= low) & (readings <= high)] = np.inf
     return readings
 
 
 def read_range(msg: Any) -> Scan:
     """Read a sensor_msgs/Range as a scan of one cone. Raises ScanError.
 
-    A reading of exactly max_range is what many drivers send when no echo came: it becomes inf,
-    as REP 117 would have it.
+    A reading of max_range is what many drivers send when no echo came: it becomes inf, as REP 117
+    would have it.
     """
     furthest = float(msg.max_range)
     if float(msg.min_range) == furthest:

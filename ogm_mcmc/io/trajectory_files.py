@@ -30,9 +30,12 @@ from ogm_mcmc.files.input_files import reason_of, text_of
 from ogm_mcmc.files.output_files import replacing
 from ogm_mcmc.geometry import Pose2D, pose_from_quaternion
 
-__all__ = ['Trajectory', 'read_trajectory', 'write_tum']
+__all__ = ['Trajectory', 'read_trajectory', 'with_ends_held', 'write_tum']
 
 NS_PER_S = 1_000_000_000
+
+# Stamps in text files are rounded, often to microseconds and at worst to this.
+ROUNDING_NS = 1_000_000
 
 FORMATS = (
     'TUM (8 numbers), KITTI (12 numbers), EuRoC (8 or more, separated by commas) or VERTEX_SE2'
@@ -89,6 +92,18 @@ def read_trajectory(path: Path, stamps: Path | None = None) -> Trajectory:
             )
     keys = np.array([one.key for one in posed], np.int64)
     return Trajectory(keys, tuple(one.pose for one in posed), kind)
+
+
+def with_ends_held(trajectory: Trajectory) -> Trajectory:
+    """Return a trajectory with its first and last pose held by what stamps may be rounded.
+
+    What was measured at the very first or last pose lies beyond it by a rounding of its stamp.
+    """
+    stamps, poses = trajectory.stamps_ns, trajectory.poses
+    return trajectory._replace(
+        stamps_ns=np.concatenate((stamps[:1] - ROUNDING_NS, stamps, stamps[-1:] + ROUNDING_NS)),
+        poses=(poses[0], *poses, poses[-1]),
+    )
 
 
 def write_tum(path: Path, stamps_ns: Iterable[int], poses: Iterable[Pose2D]) -> None:

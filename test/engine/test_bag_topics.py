@@ -282,6 +282,26 @@ def test_first_stamps_of_0_stay_what_they_are(choose, scans, make_scan):
     topics.require_stamps('bag')
 
 
+def test_transforms_without_stamps_count_from_when_they_were_recorded(choose, scans):
+    """Of all frames; one that is sent once and for no time holds always."""
+    moving = [
+        ('/tf', t, transform(0, 'odom', 'base_link', 0.1 * k, 0.0, 0.0))
+        for k, t in enumerate(STAMPS)
+    ]
+    once = ('/tf', STAMPS[3], transform(0, 'map', 'odom', 5.0, 0.0, 0.0))
+    topics, placed, said = choose([*scans(), *moving, once, static('laser', 0.2, 0.0, 0.0)])
+    assert [scan.pose.x_m for scan in placed] == pytest.approx(5.2 + 0.1 * np.arange(8))
+    assert said[0] == 'poses from tf map -> base_link (100 % of 8 scans); also there: tf odom ' + (
+        '-> base_link 100 %'
+    )
+    assert said[1] == (
+        'stamps of transforms to base_link are all 0: the times of recording are taken'
+    )
+    topics.require_stamps('bag')  # poses at the stamps of the scans can be computed
+    first = ('/tf', STAMPS[0], transform(0, 'odom', 'base_link', 0.0, 0.0, 0.0))
+    assert choose([*scans(), first, *tf()])[2] == choose([*scans(), *tf()])[2]
+
+
 def test_a_frame_that_was_asked_for_and_is_not_there(choose, scans):
     records = [*scans(), *tf(), static('laser', 0.2, 0.0, 0.0)]
     expected = r"frame 'world' \(map_frame\) is not in its transforms \(map > odom > base_link.*"
@@ -316,6 +336,18 @@ def test_a_trajectory_in_place_of_the_poses_of_the_bag(choose, scans, tmp_path):
     path.write_text('1.0 1 2 0 0 0 0 1\n')
     with pytest.raises(BagError, match=r'no poses at the stamps .*poses\.tum 1\.0 to 1\.0 s'):
         choose(records, trajectory=path)
+
+
+def test_stamps_of_a_trajectory_may_be_rounded(choose, scans, tmp_path):
+    """By float64 to 100 ns, by a printf to milliseconds: first and last scan are placed."""
+    path, records = tmp_path / 'poses.tum', [*scans(), static('laser', 0.0, 0.0, 0.0)]
+    for first, last in (('20.0000001', '20.6999999'), ('20.0004', '20.6995')):
+        path.write_text(f'{first} 0 0 0 0 0 0 1\n{last} 1 0 0 0 0 0 1\n')
+        _, placed, said = choose(records, trajectory=path)
+        assert '100 % of 8 scans' in said[0]
+        assert (placed[0].pose.x_m, placed[-1].pose.x_m) == (0.0, 1.0)
+    path.write_text('20.002 0 0 0 0 0 0 1\n20.7 1 0 0 0 0 0 1\n')
+    assert len(choose(records, trajectory=path)[1]) == 7
 
 
 def test_covariances_are_looked_at_where_they_are_needed(choose, scans, make_pose):

@@ -113,12 +113,14 @@ def test_scan_that_contradicts_itself(make_scan, shape, fields, reason):
 
 
 def test_a_reading_of_range_max_is_no_return(make_scan, shape):
+    """And one float32 step beside it; a millimetre before it there is something."""
     # 3.3 and 5.6 are no float32: the header's digits may be more than those of the readings.
-    for furthest in (3.5, 3.3, 5.6, float(np.float32(5.6))):
-        below = np.nextafter(np.float32(furthest), np.float32(0.0))
-        ranges = [1.0, furthest, below, math.nan, 2.0]
-        scan = read_scan(shape(make_scan(7, ranges=ranges, range_max=furthest)))
-        expected = np.array([1.0, math.inf, below, math.nan, 2.0], np.float32)
+    for furthest in (3.5, 3.3, 5.6, float(np.float32(5.6)), 81.91):
+        own = np.float32(furthest)
+        beside = [np.nextafter(own, np.float32(0.0)), np.nextafter(own, np.float32(np.inf))]
+        ranges = [1.0, furthest, *beside, furthest - 0.001, math.nan]
+        scan = read_scan(shape(make_scan(7, ranges=ranges, range_max=furthest, angle_max=1.5)))
+        expected = np.array([1.0, *[math.inf] * 3, furthest - 0.001, math.nan], np.float32)
         assert np.array_equal(scan.ranges_m, expected, equal_nan=True)
 
 
@@ -321,7 +323,7 @@ def test_read_range(shape):
     assert (scan.stamp_ns, scan.frame_id, scan.angle_min_rad) == (5_000_000_007, 'sonar_3', 0.0)
 
 
-@pytest.mark.parametrize('reading', [4.0, math.inf])
+@pytest.mark.parametrize('reading', [4.0, float(np.nextafter(np.float32(4), 0)), math.inf])
 def test_no_echo(shape, reading):
     assert read_range(ranged(reading, shape)).ranges_m.tolist() == [math.inf]
 
