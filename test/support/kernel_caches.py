@@ -9,9 +9,13 @@ needs it.
 
 from __future__ import annotations
 
+import hashlib
+import json
+import math
+import re
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,12 +24,50 @@ __all__ = ['compile_kernels', 'forget_stale_kernels', 'main']
 PACKAGE = Path(__file__).resolve().parents[2] / 'ogm_mcmc'
 
 
+IMPORTED = re.compile(rb'^ *from ([a-z_]+(?:\.\w+)*_kernels) import ', re.MULTILINE)
+
+# Beside the caches of the package: of each module of kernels, the sum over all that it calls.
+RECORD = '__pycache__/kernel_sources.json'
+
+
 def forget_stale_kernels(package: Path = PACKAGE) -> None:
-    """Delete caches older than any kernel: Numba does not notice an edit in another module."""
-    newest = max(path.stat().st_mtime for path in package.rglob('*_kernels.py'))
-    for path in package.rglob('*.nb[ic]'):
-        if path.stat().st_mtime < newest:
-            path.unlink()
+    """Delete the caches of kernels that call others edited since: Numba does not notice those.
+
+    An edit in the kernel's own module Numba notices by itself. What was there at the last call is
+    told by the content of the sources; at the first call the younger of cache and source is right.
+    """
+    record = package / RECORD
+    before = json.loads(record.read_text()) if record.exists() else {}
+    modules = {
+        '.'.join(path.relative_to(package.parent).with_suffix('').parts): path
+        for path in package.rglob('*_kernels.py')
+    }
+    called = {name: _with_called(name, modules) for name in modules}
+    sums = {
+        name: hashlib.sha256(b''.join(modules[one].read_bytes() for one in found)).hexdigest()
+        for name, found in called.items()
+    }
+    for cache in package.rglob('*.nb[ic]'):
+        folder = cache.parents[1].relative_to(package.parent)
+        name = '.'.join((*folder.parts, cache.name.partition('.')[0]))
+        if name in before:
+            stale = before[name] != sums.get(name)
+        else:
+            edited = [modules[one].stat().st_mtime for one in called.get(name, ())]
+            stale = cache.stat().st_mtime < max(edited, default=math.inf)
+        if stale:
+            cache.unlink()
+    record.parent.mkdir(exist_ok=True)
+    record.write_text(json.dumps(sums))
+
+
+def _with_called(name: str, modules: Mapping[str, Path]) -> list[str]:
+    """Return a module and all modules of kernels that it imports, directly or not."""
+    found = [name]
+    for one in found:
+        imported = [text.decode() for text in IMPORTED.findall(modules[one].read_bytes())]
+        found += [other for other in imported if other in modules and other not in found]
+    return found
 
 
 def compile_methods() -> None:
