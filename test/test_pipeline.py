@@ -27,7 +27,7 @@ from ogm_mcmc.geometry import (
     Scan,
     SensorMount,
 )
-from ogm_mcmc.mapping import METHODS, live_settings
+from ogm_mcmc.mapping import METHODS, ProbabilityBeams, live_settings
 from ogm_mcmc.mapping.beam_evidence_kernels import sum_steps_per_beam
 from ogm_mcmc.mapping.evidence_kernels import sum_per_scan
 from ogm_mcmc.mapping.gaussian_field_kernels import take_in
@@ -35,7 +35,6 @@ from ogm_mcmc.mapping.quadtree_counting_kernels import count_seen
 from ogm_mcmc.mapping.sonar_kernels import add_cone
 from ogm_mcmc.mapping.two_assumption_kernels import fuse_per_beam, fuse_per_scan
 from ogm_mcmc.pipeline import MappingPipeline
-from ogm_mcmc.sensors import ProbabilityBeams
 
 KINDS = [
     ('', OutputConfig()),

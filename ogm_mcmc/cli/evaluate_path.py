@@ -10,7 +10,7 @@ import numpy as np
 from ogm_mcmc.arrays import Float64Array
 from ogm_mcmc.cli.evaluate_answer import Answer
 from ogm_mcmc.config import CollisionConfig, flatten
-from ogm_mcmc.evaluation import collision_risk
+from ogm_mcmc.engine.collision import collision_risk
 from ogm_mcmc.files.input_files import text_of
 from ogm_mcmc.geometry import SampleBits
 from ogm_mcmc.io.point_files import read_points

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from ogm_mcmc.config import SamplerConfig, StopConfig, TrajectoryConfig
+from ogm_mcmc.engine.collision import collision_risk
 from ogm_mcmc.engine.joint_poses import PoseRefinement
 from ogm_mcmc.engine.refinement import Refinement
-from ogm_mcmc.evaluation import collision_risk
 from ogm_mcmc.geometry import GridSpec, PlacedScan, Pose2D, SampleBits, Scan
 
 __all__ = ['warm_up_collisions', 'warm_up_poses', 'warm_up_sampling']

@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 from ogm_mcmc.arrays import Float64Array
 from ogm_mcmc.config import PosesConfig, SamplerConfig, StopConfig
+from ogm_mcmc.engine.collision import collision_risk
 from ogm_mcmc.engine.joint_poses import KeptPoses, RefinedTrajectory
 from ogm_mcmc.engine.kept_samples import MOST_SAMPLES, KeptSamples
 from ogm_mcmc.engine.no_returns import NoReturnChoice
@@ -25,7 +26,6 @@ from ogm_mcmc.engine.odometry import OdometryAt, said_odometry
 from ogm_mcmc.engine.refinement import Progress, Refinement
 from ogm_mcmc.engine.sensor_fit import SensorNumbers
 from ogm_mcmc.errors import OgmError, WindowError
-from ogm_mcmc.evaluation import collision_risk
 from ogm_mcmc.geometry import GridMap, PlacedScan, SampleBits
 from ogm_mcmc.trajectory import TrajectoryProgress
 
@@ -67,7 +67,7 @@ class RefinedMap(NamedTuple):
         """Return (N + 1,): how likely a disc meets something at each place, and on the way.
 
         places  (N, 2), m. Raises WindowError while there are no samples, and what
-        `ogm_mcmc.evaluation.collision_risk` raises.
+        `ogm_mcmc.engine.collision.collision_risk` raises.
         """
         if self.samples is None:
             raise WindowError('no sweep counts yet: no samples of the map')

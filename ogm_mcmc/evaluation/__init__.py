@@ -7,8 +7,7 @@ Four questions, four kinds of answers:
 - Are its probabilities to be believed? Reliability curve and expected calibration error; Brier
   score.
 - What does it predict? Log-likelihood of held-out beams, which needs no truth at all; entropy
-  and the information a scan from somewhere is expected to give. How likely a way is blocked is
-  asked of map samples (`collision_risk`).
+  and the information a scan from somewhere is expected to give.
 - What is it good for? `scan_fit` weighs poses by scans with what a map offers, for localizing.
 
 Everything takes plain arrays or a `GridMap`; unknown cells are nan, and the caller says what
@@ -25,7 +24,6 @@ from ogm_mcmc.evaluation.beam_likelihood import (
 )
 from ogm_mcmc.evaluation.calibration import Reliability, brier_score, reliability
 from ogm_mcmc.evaluation.classification import Scores, ThresholdCounts, confusion_counts
-from ogm_mcmc.evaluation.collision import collision_risk
 from ogm_mcmc.evaluation.comparison import Comparison, aligned, compare
 from ogm_mcmc.evaluation.distance import DistanceError, distance_to, occupied_distance_error
 from ogm_mcmc.evaluation.divergence import (
@@ -54,7 +52,7 @@ from ogm_mcmc.evaluation.information import expected_information_gain
 from ogm_mcmc.evaluation.masks import MASKS, cells_that_count, near
 from ogm_mcmc.evaluation.scan_fit import AmclNumbers, CastBeams, LikelihoodField, SampleBeams
 from ogm_mcmc.evaluation.views import ReadingChannel, hits_of_map, hits_of_samples
-from ogm_mcmc.sensors import ForwardModel, ProbabilityBeams
+from ogm_mcmc.sensors import ForwardModel
 
 __all__ = [
     'LEAVING',
@@ -71,7 +69,6 @@ __all__ = [
     'LikelihoodField',
     'LogDensity',
     'PointScores',
-    'ProbabilityBeams',
     'Ratio',
     'ReadingChannel',
     'Reliability',
@@ -82,7 +79,6 @@ __all__ = [
     'beam_log_likelihood',
     'brier_score',
     'cells_that_count',
-    'collision_risk',
     'compare',
     'confusion_counts',
     'distance_to',

@@ -8,8 +8,7 @@ import math
 
 from numba import njit
 
-from ogm_mcmc.geometry.walk_kernels import begin_walk, next_cell
-from ogm_mcmc.sensors.probability_beams_kernels import occupied_at
+from ogm_mcmc.geometry.walk_kernels import begin_walk, next_cell, occupied_at
 
 # No cell can take more than what is left, so later ones matter less than rounding.
 NOTHING_LEFT = 1e-15

@@ -1,6 +1,6 @@
 """How well a scan fits at many poses in a map: what a localizer can do with what a map offers.
 
-Readers of maps, each a `ScanFit` of `ParticleFilter` (`ProbabilityBeams` is in `sensors`):
+Readers of maps, each a `ScanFit` of `ParticleFilter` (`ProbabilityBeams` is in `mapping`):
 
 ========================  =================================================================
 `LikelihoodField`         three values; how far each beam's end is from a wall
@@ -33,8 +33,7 @@ from ogm_mcmc.evaluation.distance import distance_to
 from ogm_mcmc.evaluation.scan_fit_kernels import cast_fits, field_fits, sample_fits
 from ogm_mcmc.geometry import GridMap
 from ogm_mcmc.geometry.sample_bits import WORD, SampleBits
-from ogm_mcmc.sensors.forward_model import ForwardModel
-from ogm_mcmc.sensors.probability_beams import check_mixture, per_metre
+from ogm_mcmc.sensors.forward_model import PLAIN, ForwardModel, per_metre
 
 __all__ = ['AmclNumbers', 'CastBeams', 'LikelihoodField', 'SampleBeams']
 
@@ -155,7 +154,8 @@ class SampleBeams:
 
     def __post_init__(self) -> None:
         """Refuse models with another mixture, and more samples than a word has bits."""
-        check_mixture(self.model)
+        if not self.model.plain:
+            raise ConfigError(f'model: {PLAIN}')
         if not 1 <= self.bits.draws <= WORD:
             raise ConfigError(f'{self.bits.draws} map samples: expected 1 to {WORD}')
 

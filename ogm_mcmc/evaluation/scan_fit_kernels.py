@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 
 from ogm_mcmc.geometry.walk_kernels import begin_walk, next_cell
-from ogm_mcmc.sensors.probability_beams_kernels import FAR, NOTHING_LEFT, peak
+from ogm_mcmc.sensors.peak_kernels import FAR, NOTHING_LEFT, peak
 
 
 @njit(cache=True, nogil=True)

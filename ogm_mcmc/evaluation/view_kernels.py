@@ -11,8 +11,7 @@ import math
 import numpy as np
 from numba import njit
 
-from ogm_mcmc.geometry.walk_kernels import begin_walk, next_cell
-from ogm_mcmc.sensors.probability_beams_kernels import occupied_at
+from ogm_mcmc.geometry.walk_kernels import begin_walk, next_cell, occupied_at
 
 NOTHING_LEFT = 1e-9
 

@@ -1,4 +1,4 @@
-"""Walk along a ray cell by cell, with the distance at which each cell is left.
+"""Walk along a ray cell by cell, with the distance at which each cell is left; look at cells.
 
 `traversal_kernels` lists or marks all cells of a segment as fast as it can; here a walk may stop
 at any cell and knows how far it has come, which simulators and forward models need. The rule for
@@ -15,6 +15,7 @@ which cells are crossed is the same: those with a point in [i, i + 1) x [j, j + 
 
 import math
 
+import numpy as np
 from numba import njit
 
 
@@ -56,3 +57,14 @@ def next_cell(x, y, inverse_x, inverse_y, step_x, step_y, column, row, next_x, n
         next_y += step_y
         at_y = (next_y - y) * inverse_y
     return column, row, next_x, next_y, at_x, at_y
+
+
+@njit(cache=True, nogil=True)
+def occupied_at(probability, prior, column, row):
+    """Probability of a cell of (height, width) float32; `prior` where that is nan, and outside."""
+    height, width = probability.shape
+    if 0 <= column < width and 0 <= row < height:
+        known = np.float64(probability[row, column])
+        if known == known:
+            return known
+    return np.float64(prior)

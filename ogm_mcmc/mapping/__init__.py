@@ -132,6 +132,7 @@ from ogm_mcmc.mapping.method import (
     uses_covariance,
 )
 from ogm_mcmc.mapping.pose_uncertain import PoseUncertainMapper
+from ogm_mcmc.mapping.probability_beams import ProbabilityBeams
 from ogm_mcmc.mapping.random_field import RandomFieldMapper
 from ogm_mcmc.mapping.sonar import SonarMapper
 from ogm_mcmc.mapping.two_assumption import TwoAssumptionMapper
@@ -144,6 +145,7 @@ __all__ = [
     'LogOddsGrid',
     'MappingMethod',
     'PoseUncertainMapper',
+    'ProbabilityBeams',
     'Prediction',
     'RandomFieldMapper',
     'SonarMapper',

@@ -22,7 +22,8 @@ from ogm_mcmc.config import ForwardModelConfig, MapperConfig
 from ogm_mcmc.geometry import CellBox, GridMap, GridSpec, PoseSamples, Scan
 from ogm_mcmc.geometry.pose_sampling import merged
 from ogm_mcmc.geometry.rays import MAX_LATTICE_CELLS, usable_range
-from ogm_mcmc.sensors import ForwardModel, ProbabilityBeams
+from ogm_mcmc.mapping.probability_beams import ProbabilityBeams
+from ogm_mcmc.sensors import ForwardModel
 
 __all__ = ['MapSoFar', 'log_fits', 'weighted_by_map']
 

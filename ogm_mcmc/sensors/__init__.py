@@ -11,13 +11,11 @@ from ogm_mcmc.sensors.inverse_model import (
     SonarInverseModel,
     beam_model,
 )
-from ogm_mcmc.sensors.probability_beams import ProbabilityBeams
 
 __all__ = [
     'BeamModel',
     'ForwardModel',
     'GaussianInverseModel',
-    'ProbabilityBeams',
     'SonarInverseModel',
     'beam_model',
 ]

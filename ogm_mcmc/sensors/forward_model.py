@@ -13,7 +13,10 @@ from ogm_mcmc.sensors.forward_model_kernels import (
     range_log_likelihoods,
 )
 
-__all__ = ['ForwardModel']
+__all__ = ['PLAIN', 'ForwardModel', 'per_metre']
+
+# What else than a `plain` model is told.
+PLAIN = 'expected `beam` without short returns'
 
 
 class ForwardModel(NamedTuple):
@@ -56,6 +59,11 @@ class ForwardModel(NamedTuple):
             float(config.depth),
         )
 
+    @property
+    def plain(self) -> bool:
+        """Whether p(z) is a mixture of hits, clutter and missing returns, and of no more."""
+        return not self.is_gaussian and self.short == 0.0
+
     def log_likelihood(self, reading_m: float, reach_m: float, distance_m: float) -> float:
         """Nats; `reading_m` may be inf (no return), `distance_m` inf (nothing on the ray)."""
         return float(range_log_likelihood(self, reading_m, reach_m, distance_m))
@@ -67,3 +75,11 @@ class ForwardModel(NamedTuple):
         log_p = np.empty(readings_m.size)
         range_log_likelihoods(self, readings_m, reach_m, distances_m, log_p)
         return log_p
+
+
+def per_metre(ranges: Float64Array, reach: float, cells_per_m: float) -> float:
+    """Return the nats that turn densities per cell into such per metre, summed over a scan.
+
+    A range beyond the reach is no return, which has a probability and no density.
+    """
+    return float(np.count_nonzero(ranges <= reach)) * float(np.log(cells_per_m))

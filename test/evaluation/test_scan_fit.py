@@ -16,7 +16,8 @@ from ogm_mcmc.evaluation import (
     log_likelihood_of_samples,
 )
 from ogm_mcmc.geometry import GridMap, GridSpec, PlacedScan, Pose2D, SampleBits, Scan
-from ogm_mcmc.sensors import ForwardModel, ProbabilityBeams
+from ogm_mcmc.mapping import ProbabilityBeams
+from ogm_mcmc.sensors import ForwardModel
 
 NAN = math.nan
 SPEC = GridSpec(0.5, 6, 3, anchor_x_m=-1.0, anchor_y_m=2.0)

@@ -18,11 +18,11 @@ from ogm_mcmc.evaluation import (
     CastBeams,
     ForwardModel,
     LikelihoodField,
-    ProbabilityBeams,
     SampleBeams,
 )
 from ogm_mcmc.evaluation.scan_fit import NAV2
 from ogm_mcmc.geometry import GridMap, PlacedScan, SampleBits
+from ogm_mcmc.mapping import ProbabilityBeams
 from ogm_mcmc.simulation import ScanFit
 
 __all__ = [

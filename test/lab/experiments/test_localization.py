@@ -13,7 +13,8 @@ from ogm_mcmc.geometry import GridMap, GridSpec, Pose2D
 from ogm_mcmc.lab.experiments import joint_intel, localization, localization_logs
 from ogm_mcmc.lab.experiments.localization_logs import Log, log_of
 from ogm_mcmc.lab.experiments.localization_maps import READERS, maps_of, some_beams
-from ogm_mcmc.sensors import ForwardModel, ProbabilityBeams
+from ogm_mcmc.mapping import ProbabilityBeams
+from ogm_mcmc.sensors import ForwardModel
 from ogm_mcmc.simulation import GridWorld, Lidar, OdometryNoise
 from ogm_mcmc.trajectory.points import poses_of
 

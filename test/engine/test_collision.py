@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from support.naive_collision import risk_by_cells
 
+from ogm_mcmc.engine.collision import collision_risk
 from ogm_mcmc.errors import ConfigError, PoseError
-from ogm_mcmc.evaluation import collision_risk, reliability
+from ogm_mcmc.evaluation import reliability
 from ogm_mcmc.geometry import GridSpec, SampleBits
 
 SPEC = GridSpec(1.0, 7, 3)

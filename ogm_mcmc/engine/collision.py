@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 
 from ogm_mcmc.arrays import Float64Array
+from ogm_mcmc.engine.collision_kernels import way_risk
 from ogm_mcmc.errors import ConfigError, PoseError
-from ogm_mcmc.evaluation.collision_kernels import way_risk
 from ogm_mcmc.geometry import SampleBits
 
 __all__ = ['collision_risk']

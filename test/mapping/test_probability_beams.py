@@ -8,7 +8,8 @@ import pytest
 from ogm_mcmc.config import ForwardModelConfig
 from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.geometry import GridMap, GridSpec
-from ogm_mcmc.sensors import ForwardModel, ProbabilityBeams
+from ogm_mcmc.mapping import ProbabilityBeams
+from ogm_mcmc.sensors import ForwardModel
 
 MODEL = ForwardModel.from_config(ForwardModelConfig(sigma=0.1, clutter=0.1, missing=0.05))
 REACH = 8.0

@@ -13,10 +13,11 @@ import numpy as np
 from ogm_mcmc.arrays import Float64Array
 from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.geometry import GridMap
-from ogm_mcmc.sensors.forward_model import ForwardModel
-from ogm_mcmc.sensors.probability_beams_kernels import probability_fits
+from ogm_mcmc.mapping.probability_beams_kernels import probability_fits
+from ogm_mcmc.sensors import ForwardModel
+from ogm_mcmc.sensors.forward_model import PLAIN, per_metre
 
-__all__ = ['ProbabilityBeams', 'check_mixture', 'per_metre']
+__all__ = ['ProbabilityBeams']
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,8 @@ class ProbabilityBeams:
 
     def __post_init__(self) -> None:
         """Refuse models with another mixture."""
-        check_mixture(self.model)
+        if not self.model.plain:
+            raise ConfigError(f'model: {PLAIN}')
 
     def log_likelihoods(
         self, poses: Float64Array, bearings: Float64Array, ranges: Float64Array, reach: float
@@ -56,14 +58,3 @@ class ProbabilityBeams:
             log_p,
         )
         return log_p + per_metre(ranges, reach, cells)
-
-
-def check_mixture(model: ForwardModel) -> None:
-    """Raise ConfigError for a model that is no mixture of hits, clutter and missing returns."""
-    if model.is_gaussian or model.short > 0.0:
-        raise ConfigError('model: expected `beam` without short returns')
-
-
-def per_metre(ranges: Float64Array, reach: float, cells_per_m: float) -> float:
-    """Return what makes densities per cell such per metre; no return has a probability."""
-    return float(np.count_nonzero(ranges <= reach)) * float(np.log(cells_per_m))
