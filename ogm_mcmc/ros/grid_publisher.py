@@ -24,6 +24,10 @@ __all__ = ['GridPublisher', 'grid_message']
 # A subscription is discovered before the name of the node it belongs to.
 NAMELESS = '_NODE_NAME_UNKNOWN_'
 
+# Nav2's static layer holds a whole map back until its next cycle (1 s in Nav2's own parameters),
+# and that overwrites the updates that came meanwhile: they are sent again after this time.
+SETTLE_S = 2.0
+
 
 def grid_message(values: Int8Array, spec: GridSpec, frame_id: str, stamp_ns: int) -> OccupancyGrid:
     """Return an OccupancyGrid of values (height, width): 0..100, -1 unknown."""
@@ -48,8 +52,9 @@ class _MessageView(MapView):
 class GridPublisher:
     """One latched OccupancyGrid topic, and TOPIC_updates beside it where map_msgs is installed.
 
-    TOPIC is the name after remapping, so that the updates go where the map goes. Work per
-    publication is proportional to what changed, apart from DDS copying the message.
+    TOPIC is the name after remapping, so that the updates go where the map goes, unless they are
+    remapped themselves. Work per publication is proportional to what changed, apart from DDS
+    copying the message.
     `metadata`: name of a MapMetaData topic that goes with the whole maps.
     """
 
@@ -69,9 +74,10 @@ class GridPublisher:
         self.update_type = _update_type()
         self.updates = None
         if self.update_type is not None:
-            name = f'{self.topic.name}_updates'
+            name = _updates_name(node, topic, self.topic.name)
             self.updates = node.create_publisher(self.update_type, name, 10)
         self.renewed_at = -math.inf  # when the whole map was sent last
+        self._early: list[CellBox] = []  # sent as updates soon after that
         self._old = False  # updates have gone out since the last whole map
         self._sent_spec: GridSpec | None = None
 
@@ -99,6 +105,10 @@ class GridPublisher:
         With an infinite interval nothing is sent while nobody listens.
         """
         age = time.monotonic() - self.renewed_at
+        if age >= SETTLE_S:
+            for box in self._early:
+                self.view.mark(box)
+            self._early = []
         due = math.isfinite(latched_interval_s) and age >= latched_interval_s
         changed = self.view.stale and (due or self.topic.listeners > 0)
         if changed or (due and self._old):
@@ -115,6 +125,8 @@ class GridPublisher:
         if self.updates is not None and not self._everybody_needs_it(spec):
             for box in boxes:
                 self._publish_update(spec, box, frame_id, stamp_ns)
+            if time.monotonic() - self.renewed_at < SETTLE_S:
+                self._early += boxes
             self._old = True
             if not whole:
                 return
@@ -124,6 +136,7 @@ class GridPublisher:
             self.metadata.send(self.view.message.info)
         self._sent_spec = spec
         self._old = False
+        self._early = []
         self.renewed_at = time.monotonic()
 
     def _everybody_needs_it(self, spec: GridSpec) -> bool:
@@ -147,6 +160,16 @@ class GridPublisher:
     def restart(self) -> None:
         """Forget what was shown (after a reset)."""
         self.view.restart()
+        self._early = []
+
+
+def _updates_name(node: Node, topic: str, remapped: str) -> str:
+    """Return the name of the updates: that of the map, or what its own remap rule says."""
+    plain = f'{topic}_updates'
+    own = str(node.resolve_topic_name(plain))
+    if own != node.resolve_topic_name(plain, only_expand=True):
+        return own
+    return f'{remapped}_updates'
 
 
 def _update_type() -> Any:

@@ -72,6 +72,6 @@ class LiveMaps:
     def restart(self) -> None:
         """Forget what was shown and publish the empty maps (after a reset)."""
         for publisher in self.all:
-            publisher.view.restart()
+            publisher.restart()
             if publisher.topic.sent > 0:
                 publisher.publish(*self.header(), whole=True)

@@ -9,6 +9,7 @@ import pytest
 pytest.importorskip('rclpy', reason='rclpy is not installed: no ROS tests')
 
 from rclpy.qos import ReliabilityPolicy
+from support.nav2_rules import FREE, UNKNOWN, WALL, StaticLayer, static_layer_cells
 from support.strategies import fan
 
 from ogm_mcmc.config import MapperConfig, OutputConfig
@@ -49,11 +50,16 @@ class Topic:
 class Node:
     """Stands in for a node: one `Topic` per name; `map` is remapped to `chart`."""
 
-    def __init__(self):
+    def __init__(self, **remaps):
         self.topics = {}
+        self.remaps = {'map': 'chart', **remaps}
+
+    def resolve_topic_name(self, name, *, only_expand=False):
+        plain = name.removeprefix('/')
+        return f'/{plain if only_expand else self.remaps.get(plain, plain)}'
 
     def create_publisher(self, kind, name, qos, event_callbacks=None):
-        name = '/chart' if name == 'map' else f'/{name.removeprefix("/")}'
+        name = self.resolve_topic_name(name)
         matched = event_callbacks and event_callbacks.matched
         return self.topics.setdefault(name, Topic(name, matched))
 
@@ -215,6 +221,40 @@ def test_followers_end_up_with_the_same_map(published):
         picture[rows, columns] = updates.sent[-1].reshape(shape)
     assert publisher.view.spec == spec
     assert np.array_equal(picture, publisher.view.values)
+
+
+@pytest.mark.parametrize(
+    ('remaps', 'expected'),
+    [({}, '/chart_updates'), ({'map_updates': 'news'}, '/news'), ({'map': 'map'}, '/map_updates')],
+)
+def test_updates_go_where_the_map_goes_or_they_are_remapped(monkeypatch, remaps, expected):
+    monkeypatch.setattr(grid_publisher, '_update_type', lambda: update_message)
+    node, pipeline = Node(**remaps), MappingPipeline(MapperConfig(resolution=0.1))
+    publisher = grid_publisher.GridPublisher(node, 'map', pipeline, OutputConfig())
+    assert publisher.updates is node.topics[expected]
+
+
+def test_a_static_layer_that_follows_updates_misses_none(published, monkeypatch):
+    """It holds whole maps back until its cycle, which wipes out updates that came meanwhile."""
+    whole, updates, pipeline, publisher = published
+    layer, clock = StaticLayer(), [0.0]
+    monkeypatch.setattr(time, 'monotonic', lambda: clock[0])
+    whole.publish, updates.publish = layer.take_map, layer.take_update
+    whole.come('costmap')
+    updates.come('costmap')
+    for tick in range(60):
+        clock[0] = 0.1 * tick
+        if tick in (0, 12, 14, 17):  # the second makes the map grow
+            x = 30.0 + tick if tick else 0.0
+            publisher.mark(pipeline.update(PlacedScan.at(fan(1.0), Pose2D(x, 0.05))))
+        if tick % 2 == 0:
+            publisher.publish_changes('map', 0, 1e9)
+        if tick % 10 == 9:
+            layer.cycle()
+    assert set(layer.refused) == {'update'}  # of the grown map, before it had that
+    shown = publisher.view.values
+    assert np.array_equal(layer.costs, static_layer_cells(shown))
+    assert {FREE, WALL, UNKNOWN} == set(np.unique(layer.costs))
 
 
 def test_the_extent_is_published_with_whole_maps(monkeypatch):
