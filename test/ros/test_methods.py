@@ -212,16 +212,3 @@ def test_a_random_field_shows_what_lies_beside_a_beam():
         assert 0 <= feed.value_at(1.05, 0.15) < 50
         assert feed.value_at(1.05, 0.35) == -1
         assert process.stop() == 0, process.output
-
-
-def test_particle_clouds_need_nav2():
-    """Where nav2_msgs is not installed the node says so at once."""
-    try:
-        import nav2_msgs.msg  # noqa: F401
-    except ImportError:
-        with node(pose_source='particle_cloud') as process:
-            assert process.wait() == 2
-        assert 'pose_source particle_cloud needs nav2_msgs' in process.output
-        assert 'Traceback' not in process.output
-    else:
-        pytest.skip('nav2_msgs is installed here')

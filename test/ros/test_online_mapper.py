@@ -5,6 +5,7 @@ What needs a process, other nodes or DDS is in test_methods.py and test_map_topi
 
 import math
 from contextlib import ExitStack
+from importlib.util import find_spec
 
 import pytest
 
@@ -12,13 +13,13 @@ pytest.importorskip('rclpy', reason='rclpy is not installed: no ROS tests')
 
 from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool, Trigger
-from support.local_ros import Logs, local_node, pose, scan
+from support.local_ros import Logs, local_node, pose, refusal, scan
 
 from ogm_mcmc.engine.tree_files import load_tree
 from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.geometry import CellBox
 from ogm_mcmc.io.map_files import load_map
-from ogm_mcmc.ros.online_mapper import OnlineMapper
+from ogm_mcmc.ros.online_mapper import OnlineMapper, main
 
 pytestmark = [pytest.mark.ros]
 
@@ -189,3 +190,21 @@ def test_a_parameter_that_is_not_there_is_refused_by_its_name(mapper):
 def test_a_wrong_parameter_ends_the_start_in_one_line(mapper):
     with pytest.raises(ConfigError, match=r'^[^\n]*free_thresh[^\n]*$'):
         mapper(free_thresh=0.9, occupied_thresh=0.2)
+
+
+@pytest.mark.parametrize(
+    ('parameters', 'reason'),
+    [
+        ({'resolution': -1.0}, 'resolution'),
+        ({'fusion': 'per_sometimes'}, 'one of per_scan, per_beam'),
+        ({'resolution': 1}, 'resolution'),
+        ({'free_thresh': 0.9}, 'free_thresh'),
+        ({'pose_source': 'tf'}, 'pose_source tf needs tf2_msgs'),
+        ({'pose_source': 'particle_cloud'}, 'pose_source particle_cloud needs nav2_msgs'),
+    ],
+)
+def test_wrong_parameters_end_the_node_with_one_line(capfd, parameters, reason):
+    for package in ('tf2_msgs', 'nav2_msgs'):
+        if f'needs {package}' in reason and find_spec(package) is not None:
+            pytest.skip(f'{package} is installed here')
+    assert reason in refusal(main, capfd, **parameters)

@@ -19,11 +19,13 @@ from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
 from sensor_msgs.msg import LaserScan
 from std_srvs.srv import Trigger
+from support.local_ros import refusal
 from support.ros import NodeProcess, Observer, takes_scans
 
 from ogm_mcmc.io.map_files import load_map
 from ogm_mcmc.io.recording_bag import write_recording
 from ogm_mcmc.ros.qos import LATCHED
+from ogm_mcmc.ros.refine_server import main
 from ogm_mcmc.simulation import WORLDS, Lidar, record
 
 pytestmark = [pytest.mark.ros]
@@ -388,12 +390,16 @@ def test_parameters_while_running(walks):
         ({'state_file': '/proc/none/chains.npz'}, '/proc/none: expected a writable folder'),
     ],
 )
-def test_wrong_parameters_end_the_node_with_one_line(parameters, reason):
-    with NodeProcess('refine_server', parameters=parameters) as node:
+def test_wrong_parameters_end_the_node_with_one_line(capfd, parameters, reason):
+    assert reason in refusal(main, capfd, **parameters)
+
+
+def test_a_wrong_parameter_ends_the_process_with_one_line():
+    with NodeProcess('refine_server', parameters={'chain.prior': 0.0}) as node:
         assert node.wait() == 2, node.output
     errors = [line for line in node.output.splitlines() if line.startswith('error: ')]
     assert len(errors) == 1, node.output
-    assert reason in errors[0]
+    assert 'chain.prior' in errors[0]
     assert 'Traceback' not in node.output
 
 

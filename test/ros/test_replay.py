@@ -26,11 +26,13 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import LaserScan, Range
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
+from support.local_ros import refusal
 from support.ros import NodeProcess, Observer
 
 from ogm_mcmc.io import ros_types
 from ogm_mcmc.io.bags import BagReader, Offer, typestore
 from ogm_mcmc.ros.qos import recorded_profile
+from ogm_mcmc.ros.replay import main
 
 pytestmark = [pytest.mark.ros]
 
@@ -259,13 +261,17 @@ def test_nothing_left_to_send(tmp_path):
         (['{bag}', '--ros-args', '--params-file', 'nowhere.yaml'], 'nowhere.yaml'),
     ],
 )
-def test_mistakes_are_one_line(bag, arguments, reason):
-    named = [argument.format(bag=bag) for argument in arguments]
-    with NodeProcess('replay', [named[0], '--wait', '0', *named[1:]]) as player:
+def test_mistakes_are_one_line(bag, capfd, arguments, reason):
+    path, *rest = (argument.format(bag=bag) for argument in arguments)
+    assert reason in refusal(main, capfd, path, '--wait', '0', *rest)
+
+
+def test_a_mistake_ends_the_process_with_one_line():
+    with NodeProcess('replay', ['nowhere', '--wait', '0']) as player:
         assert player.wait() == 2, player.output
     errors = [line for line in player.output.splitlines() if 'error' in line]
     assert len(errors) == 1, player.output
-    assert reason in errors[0]
+    assert 'no such file or folder' in errors[0]
     assert 'Traceback' not in player.output
 
 
