@@ -4,6 +4,8 @@ Every message names the thing, the offending value and what was expected. The li
 `ogm_mcmc.cli` prints and exits with 2; `ogm_mcmc.ros` warns, throttled, and counts.
 """
 
+import os
+
 __all__ = [
     'BagError',
     'ClusterError',
@@ -18,8 +20,12 @@ __all__ = [
     'PriorError',
     'ScanError',
     'WindowError',
+    'is_plain_name',
     'require',
 ]
+
+# Bytes; a file name may have 255, and endings such as _trajectory_deviations.csv come on top.
+LONGEST_NAME = 200
 
 
 class OgmError(Exception):
@@ -78,3 +84,9 @@ def require(condition: bool, name: str, value: object, expectation: str) -> None
     """Raise `ConfigError` '<name> is <value>: <expectation>' unless the condition holds."""
     if not condition:
         raise ConfigError(f'{name} is {value!r}: {expectation}')
+
+
+def is_plain_name(name: str) -> bool:
+    """Whether a name is that of a file, not of a path, not hidden, printable and short enough."""
+    plain = name.isprintable() and not name.startswith('.') and not {'/', '\\'} & set(name)
+    return bool(name) and plain and len(os.fsencode(name)) <= LONGEST_NAME

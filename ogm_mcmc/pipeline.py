@@ -14,22 +14,21 @@ The node `online_mapper`, the commands `map` and `bench`, and the tests all run 
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Callable, Sequence
 
-from ogm_mcmc.config import MapperConfig, flatten
-from ogm_mcmc.errors import GridError, require
+from ogm_mcmc.config import MapperConfig
 from ogm_mcmc.geometry import CellBox, GridMap, PlacedScan
 from ogm_mcmc.mapping import (
     Extras,
-    batch_update,
+    add_scans,
+    check_change,
     extras_of,
     live_settings,
     make_method,
     uses_covariance,
 )
 
-__all__ = ['MappingPipeline', 'live_settings', 'uses_covariance']
+__all__ = ['MappingPipeline']
 
 NOTHING = CellBox(0, 0, 0, 0)
 
@@ -61,19 +60,11 @@ class MappingPipeline:
         The same map as of scan after scan, sooner where the method takes them together. Ends
         early when `cancelled`.
         """
-        changed = NOTHING
-        together = batch_update(self.config.method, self.method)
-        if together is not None:
-            with contextlib.suppress(GridError):
-                changed, added = together(scans, cancelled)
-                self.changed = self.changed.union(changed)
-                self.scans_used += added
-                return changed
-        for placed in scans:
-            if cancelled():
-                break
-            with contextlib.suppress(GridError):
-                changed = changed.union(self.update(placed))
+        changed, added = add_scans(
+            self.config.method, self.method, scans, cancelled, leave_out=True
+        )
+        self.changed = self.changed.union(changed)
+        self.scans_used += added
         return changed
 
     def configure(self, config: MapperConfig) -> None:
@@ -81,13 +72,8 @@ class MappingPipeline:
 
         Raises ConfigError for a change of one that the method has fixed or does not use.
         """
-        before, after = flatten(self.config), flatten(config)
-        changed = {name for name in after if after[name] != before[name]}
-        for name in sorted(changed - live_settings(self.config.method)):
-            require(
-                False, name, after[name], f'method {self.config.method} has it fixed or unused'
-            )
-        if changed:
+        check_change(self.config, config)
+        if config != self.config:
             self.method.configure(config)
             self.config = config
 
@@ -118,3 +104,13 @@ class MappingPipeline:
     def extras(self, box: CellBox) -> Extras:
         """Return what the method saves beside the probabilities of the cells of a box."""
         return extras_of(self.config.method, self.method, box)
+
+    @property
+    def uses_covariance(self) -> bool:
+        """Whether the method maps with the belief about a pose, not only with its mean."""
+        return uses_covariance(self.config.method)
+
+    @staticmethod
+    def live_settings(method: str) -> frozenset[str]:
+        """Return the dotted names of the settings that a method takes over while it maps."""
+        return live_settings(method)

@@ -41,6 +41,7 @@ from ogm_mcmc.cli.options import (
     add_stream_options,
     config_from,
     print_result,
+    require_matplotlib,
 )
 from ogm_mcmc.cli.sample import SHORT
 from ogm_mcmc.config import (
@@ -61,7 +62,6 @@ from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.files.output_files import checked_name
 from ogm_mcmc.geometry import GridMap
 from ogm_mcmc.io.map_files import load_grid
-from ogm_mcmc.plotting import require_matplotlib
 
 __all__ = ['add_to']
 

@@ -9,14 +9,19 @@ from pathlib import Path
 from typing import Any
 
 from ogm_mcmc import __version__
-from ogm_mcmc.cli.options import Subparsers, add_json, add_scheduler, print_result
+from ogm_mcmc.cli.options import (
+    Subparsers,
+    add_json,
+    add_scheduler,
+    print_result,
+    require_matplotlib,
+)
 from ogm_mcmc.errors import ConfigError, require
 from ogm_mcmc.files.output_files import folder_to_fill, refuse_folder, replacing
 from ogm_mcmc.lab.cluster import connected
 from ogm_mcmc.lab.experiments import EXPERIMENTS, SPREAD, make_page
 from ogm_mcmc.lab.experiments.datasets import using_executor
 from ogm_mcmc.lab.experiments.results import table_text
-from ogm_mcmc.plotting import require_matplotlib
 
 __all__ = ['add_to']
 

@@ -14,7 +14,6 @@ from ogm_mcmc.config import (
     add_arguments,
     build,
     given,
-    read_parameter_file,
     settings_of,
 )
 from ogm_mcmc.config.nodes import NODE_CONFIGS
@@ -23,6 +22,7 @@ from ogm_mcmc.engine.bag_topics import StreamChoice
 from ogm_mcmc.errors import ConfigError, OgmError
 from ogm_mcmc.files.user_paths import user_path
 from ogm_mcmc.io.map_images import MOST_CELLS
+from ogm_mcmc.io.parameter_files import read_parameter_file
 
 __all__ = [
     'Subparsers',
@@ -34,6 +34,7 @@ __all__ = [
     'config_from',
     'path_argument',
     'print_result',
+    'require_matplotlib',
     'stream_choice',
 ]
 
@@ -86,6 +87,16 @@ def add_scheduler(parser: argparse.ArgumentParser, remark: str = '') -> None:
         'it, can run code here; with TLS (tls://host:8786 and certificates in the settings of '
         'Dask) only who holds a certificate can',
     )
+
+
+def require_matplotlib() -> None:
+    """Raise ConfigError where matplotlib is not installed; call it before long work."""
+    try:
+        import matplotlib.figure  # noqa: F401
+    except ImportError as error:
+        raise ConfigError(
+            f'curves need matplotlib ({error}): pip install "ogm_mcmc[plots]"'
+        ) from error
 
 
 def print_result(options: argparse.Namespace, values: dict[str, Any], text: str) -> None:

@@ -12,10 +12,11 @@ from ogm_mcmc.arrays import Float32Array, UInt8Array
 from ogm_mcmc.config import OutputConfig
 from ogm_mcmc.engine.joint_poses import RefinedTrajectory
 from ogm_mcmc.engine.refinement import Refinement, hide_uncertain
+from ogm_mcmc.engine.saved_map import write_shown
 from ogm_mcmc.files.output_files import replacing_set
 from ogm_mcmc.geometry import CellBox, GridMap, GridSpec
 from ogm_mcmc.geometry.grid_map import entropy_bits
-from ogm_mcmc.io.map_files import save_npz, write_map
+from ogm_mcmc.io.map_files import save_npz
 from ogm_mcmc.io.sample_files import MapSamples, save_samples
 from ogm_mcmc.io.tum_files import deviations_file, write_beliefs
 from ogm_mcmc.plotting import heat_png
@@ -77,7 +78,7 @@ def write_all(
     with replacing_set(folder, name, gone) as scratch:
         layers = {'posterior_mean': mean.probability, **_layers(refinement, mean.spec.box)}
         shown = hide_uncertain(known, refinement.prior, sampled.margin, estimate.draws)
-        write_map(shown, scratch, output, name)
+        write_shown(shown, scratch, output, name)
         save_npz(known, scratch / f'{name}.npz', settings, layers)
         entropy = heat_png(entropy_bits(known.probability), 1.0)
         (scratch / paths['entropy'].name).write_bytes(entropy)

@@ -26,11 +26,11 @@ from ogm_mcmc.cli.simulated_world import (
     loaded,
 )
 from ogm_mcmc.config import OutputConfig
+from ogm_mcmc.engine.saved_map import save_map
 from ogm_mcmc.errors import OutputError
 from ogm_mcmc.files.output_files import makeable_folder, refuse_folder
 from ogm_mcmc.files.user_paths import user_path
 from ogm_mcmc.geometry import GridMap, Pose2D
-from ogm_mcmc.io.map_files import save_map
 from ogm_mcmc.io.recording_bag import write_drive, write_localized, write_recording
 from ogm_mcmc.io.sonar_bag import write_sonar_parameters, write_sonar_recording
 from ogm_mcmc.io.trajectory_files import write_tum

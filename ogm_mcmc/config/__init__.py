@@ -39,7 +39,6 @@ from ogm_mcmc.config.settings import (
     check_bounds,
     flatten,
     given,
-    read_parameter_file,
     setting,
     settings_of,
 )
@@ -82,7 +81,6 @@ __all__ = [
     'check_limits',
     'flatten',
     'given',
-    'read_parameter_file',
     'setting',
     'settings_of',
 ]

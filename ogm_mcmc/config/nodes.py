@@ -26,8 +26,7 @@ from ogm_mcmc.config import (
     settings_of,
 )
 from ogm_mcmc.config.pose_sources import POSE_SOURCES, POSE_SOURCES_TEXT
-from ogm_mcmc.errors import require
-from ogm_mcmc.files.output_files import is_plain_name
+from ogm_mcmc.errors import is_plain_name, require
 
 __all__ = [
     'LIVE_PARAMETERS',

@@ -11,7 +11,7 @@ from ogm_mcmc.arrays import UInt8Array
 from ogm_mcmc.config import MapperConfig, SamplerConfig, WindowConfig
 from ogm_mcmc.errors import GridError
 from ogm_mcmc.geometry import CellBox, GridMap, GridSpec, PlacedScan, Pose2D, PoseBelief, Scan
-from ogm_mcmc.mapping import batch_update, make_method
+from ogm_mcmc.mapping import add_scans, make_method
 from ogm_mcmc.pipeline import MappingPipeline
 from ogm_mcmc.sampling import over_dispersed_starts
 
@@ -27,12 +27,7 @@ def map_of(
     GridError when the map would become too large.
     """
     method = make_method(config)
-    together = batch_update(config.method, method)
-    if together is not None:
-        together(list(scans), lambda: False)
-    else:
-        for placed in scans:
-            method.update(placed)
+    add_scans(config.method, method, list(scans))
     found = GridMap(method.spec, method.probabilities(method.spec.box))
     return found if box is None else found.windowed(box)
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ogm_mcmc.config import OutputConfig, flatten
+from ogm_mcmc.engine.map_view import rendered
 from ogm_mcmc.errors import OutputError
 from ogm_mcmc.files.output_files import replacing_set
 from ogm_mcmc.geometry import GridMap, PoseBelief
@@ -17,7 +18,14 @@ from ogm_mcmc.io.tum_files import deviations_file, write_beliefs
 from ogm_mcmc.mapping import Extras, all_tables
 from ogm_mcmc.pipeline import MappingPipeline
 
-__all__ = ['MapToSave', 'replacing_map', 'save_refined', 'saved_text']
+__all__ = [
+    'MapToSave',
+    'replacing_map',
+    'save_map',
+    'save_refined',
+    'saved_text',
+    'write_shown',
+]
 
 
 def saved_text(grid_map: GridMap, path: Path) -> str:
@@ -28,6 +36,23 @@ def saved_text(grid_map: GridMap, path: Path) -> str:
         f'{path.absolute()}: {width} x {height} cells of {grid_map.spec.resolution_m:g} m, '
         f'{100.0 * known:.1f} % of them known'
     )
+
+
+def write_shown(grid_map: GridMap, folder: Path, output: OutputConfig, name: str) -> None:
+    """Write a map's PGM, YAML and PNG into a folder, as part of a set; see `write_map`."""
+    write_map(grid_map, rendered(grid_map.probability, 'trinary', output), folder, name)
+
+
+def save_map(
+    grid_map: GridMap, folder: Path, output: OutputConfig, name: str = 'map'
+) -> dict[str, Path]:
+    """Write NAME.pgm, NAME.yaml and NAME.png in place of an old set; return their paths.
+
+    Raises OutputError.
+    """
+    with replacing_set(folder, name) as scratch:
+        write_shown(grid_map, scratch, output, name)
+    return {kind: folder / f'{name}.{kind}' for kind in ('pgm', 'yaml', 'png')}
 
 
 class MapToSave:
@@ -51,7 +76,7 @@ def replacing_map(
     """
     stale = [table_file(name, one) for one in sorted(all_tables() - set(saved.extras.tables))]
     with replacing_set(folder, name, [*stale, points_file(name)]) as scratch:
-        write_map(saved.grid_map, scratch, output, name)
+        write_shown(saved.grid_map, scratch, output, name)
         write_tables(saved.extras.tables, saved.settings, scratch, name)
         yield scratch
 
@@ -75,7 +100,7 @@ def save_refined(
     stale = [*(table_file(name, one) for one in sorted(all_tables())), points_file(name)]
     stale += [str(poses), str(deviations_file(poses))]
     with replacing_set(folder, name, stale) as scratch:
-        write_map(grid_map, scratch, output, name)
+        write_shown(grid_map, scratch, output, name)
         if trajectory is not None:
             write_beliefs(scratch / poses, *trajectory)
     return folder / f'{name}.yaml'

@@ -25,7 +25,7 @@ from pathlib import Path
 
 import yaml
 
-from ogm_mcmc.errors import OutputError
+from ogm_mcmc.errors import OutputError, is_plain_name
 from ogm_mcmc.files.input_files import text_of
 from ogm_mcmc.files.processes import host_name, lives
 from ogm_mcmc.files.user_paths import possible_path
@@ -34,7 +34,6 @@ from ogm_mcmc.files.yaml_files import parse_yaml
 __all__ = [
     'checked_name',
     'folder_to_fill',
-    'is_plain_name',
     'makeable_folder',
     'refuse_folder',
     'replacing',
@@ -43,9 +42,6 @@ __all__ = [
     'writable_folder',
     'write_through',
 ]
-
-# Bytes; a file name may have 255, and endings such as _trajectory_deviations.csv come on top.
-LONGEST_NAME = 200
 
 # Bytes; the YAML of a map has some hundreds.
 LARGEST_YAML = 1_000_000
@@ -230,12 +226,6 @@ def makeable_folder(path: Path) -> Path:
         reason = getattr(error, 'strerror', None) or error
         raise OutputError(f'{there}: expected a writable folder ({reason})') from error
     return path
-
-
-def is_plain_name(name: str) -> bool:
-    """Whether a name is that of a file, not of a path, not hidden, printable and short enough."""
-    plain = name.isprintable() and not name.startswith('.') and not {'/', '\\'} & set(name)
-    return bool(name) and plain and len(os.fsencode(name)) <= LONGEST_NAME
 
 
 def checked_name(name: str) -> str:

@@ -3,9 +3,9 @@
 The image's top row is the map's highest y. In `trinary` a pixel is 0 (occupied), 205 (unknown)
 or 254 (free). The reader takes p = (255 - x) / 255 of a pixel, occupied from `occupied_thresh`
 on and free up to `free_thresh`. Grey 205 reads as 0.196078: with the widespread `free_thresh`
-0.25 every unknown cell would come back as free. The thresholds of `OutputConfig` decide which
-pixel a cell gets; those in the YAML only have to tell the three greys apart, and are always the
-same.
+0.25 every unknown cell would come back as free. Which pixel a cell gets the
+writer has decided; the thresholds in the YAML only have to tell the three greys apart, and are
+always the same.
 """
 
 from __future__ import annotations
@@ -18,14 +18,12 @@ import numpy as np
 import yaml
 from PIL import Image
 
-from ogm_mcmc.arrays import AnyArray, UInt8Array
-from ogm_mcmc.config import OutputConfig
+from ogm_mcmc.arrays import AnyArray, Int8Array
 from ogm_mcmc.errors import MapFileError
 from ogm_mcmc.files.npz_files import NUMBER, Field, read_npz
-from ogm_mcmc.files.output_files import checked_name, replacing, replacing_set
+from ogm_mcmc.files.output_files import checked_name, replacing
 from ogm_mcmc.files.pictures import probability_image
 from ogm_mcmc.geometry import GridMap, GridSpec
-from ogm_mcmc.geometry.grid_map import trinary_values
 from ogm_mcmc.io.map_arrays import ARRAY_SUFFIXES, load_array_map, within_rounding
 from ogm_mcmc.io.map_images import (
     LEAST_YAW,
@@ -40,10 +38,8 @@ __all__ = [
     'load_map',
     'load_npz',
     'points_file',
-    'save_map',
     'save_npz',
     'table_file',
-    'trinary_pixels',
     'write_map',
     'write_tables',
 ]
@@ -57,29 +53,12 @@ NPZ_FIELDS = {
 }
 
 
-def trinary_pixels(grid_map: GridMap, output: OutputConfig) -> UInt8Array:
-    """Pixels of the map image (height, width), top row highest y."""
-    values = trinary_values(grid_map.probability, output.occupied_thresh, output.free_thresh)
-    pixels = np.full(values.shape, UNKNOWN, np.uint8)
-    pixels[values == 0] = FREE
-    pixels[values == 100] = OCCUPIED
-    return pixels[::-1]
+def write_map(grid_map: GridMap, shown: Int8Array, folder: Path, name: str) -> None:
+    """Write NAME.pgm, NAME.yaml and NAME.png into a folder, as part of a set.
 
-
-def save_map(
-    grid_map: GridMap, folder: Path, output: OutputConfig, name: str = 'map'
-) -> dict[str, Path]:
-    """Write NAME.pgm, NAME.yaml and NAME.png in place of an old set; return their paths.
-
-    The PGM is trinary, the PNG shows the probabilities. Raises OutputError.
+    shown  what the PGM shows of each cell (height, width): occupied 100, free 0, unknown -1
+    The PNG shows the probabilities. Raises OutputError for a name that is none.
     """
-    with replacing_set(folder, name) as scratch:
-        write_map(grid_map, scratch, output, name)
-    return {kind: folder / f'{name}.{kind}' for kind in ('pgm', 'yaml', 'png')}
-
-
-def write_map(grid_map: GridMap, folder: Path, output: OutputConfig, name: str) -> None:
-    """Write the files of `save_map` into a folder of its own, as part of a set."""
     checked_name(name)
     spec = grid_map.spec
     description = {
@@ -90,7 +69,10 @@ def write_map(grid_map: GridMap, folder: Path, output: OutputConfig, name: str) 
         'negate': 0,
         **YAML_THRESHOLDS,
     }
-    Image.fromarray(trinary_pixels(grid_map, output)).save(folder / f'{name}.pgm', format='PPM')
+    pixels = np.full(shown.shape, UNKNOWN, np.uint8)
+    pixels[shown == 0] = FREE
+    pixels[shown == 100] = OCCUPIED
+    Image.fromarray(pixels[::-1]).save(folder / f'{name}.pgm', format='PPM')
     # Little compression, quick to write: a node saves while scans are waiting.
     picture = probability_image(grid_map.probability)
     picture.save(folder / f'{name}.png', format='PNG', compress_level=3)

@@ -12,13 +12,14 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, Protocol
 
 from ogm_mcmc.arrays import Float32Array, Float64Array
-from ogm_mcmc.config import MapperConfig, settings_of
-from ogm_mcmc.errors import ConfigError
+from ogm_mcmc.config import MapperConfig, flatten, settings_of
+from ogm_mcmc.errors import ConfigError, GridError, require
 from ogm_mcmc.geometry import CellBox, GridSpec, PlacedScan
 from ogm_mcmc.mapping.adaptive import AdaptiveMapper
 from ogm_mcmc.mapping.counting import CountingMapper
 from ogm_mcmc.mapping.extras import Extras
 from ogm_mcmc.mapping.gaussian_field import Prediction
+from ogm_mcmc.mapping.log_odds_mapper import NOTHING
 from ogm_mcmc.mapping.pose_uncertain import PoseUncertainMapper
 from ogm_mcmc.mapping.random_field import RandomFieldMapper
 from ogm_mcmc.mapping.sonar import SonarMapper
@@ -29,7 +30,8 @@ __all__ = [
     'MappingMethod',
     'Registration',
     'all_tables',
-    'batch_update',
+    'add_scans',
+    'check_change',
     'extras_of',
     'live_settings',
     'make_method',
@@ -97,7 +99,8 @@ class Registration(NamedTuple):
     tables  names of the tables in its extras
     at      called with the method and points (N, 2) of the map frame, m: log-odds and variance
             there; None where a method knows of cells alone
-    batch   called with the method: what adds many scans at once, None where it takes them in turn
+    batch   called with the method: what adds many scans at once to the same map as in turn, and
+            raises GridError, with nothing changed, when one leads too far away; None: in turn
     """
 
     make: Callable[[MapperConfig], MappingMethod]
@@ -140,13 +143,45 @@ def make_method(config: MapperConfig) -> MappingMethod:
     return METHODS[config.method].make(config)
 
 
-def batch_update(name: str, method: MappingMethod) -> BatchUpdate | None:
-    """Return what adds many scans at once, sooner than in turn and to the same map.
+def add_scans(
+    name: str,
+    method: MappingMethod,
+    scans: Sequence[PlacedScan],
+    cancelled: Callable[[], bool] = lambda: False,
+    *,
+    leave_out: bool = False,
+) -> Batch:
+    """Add scans in their order, sooner than one by one where a method takes them together.
 
-    Called with scans and whether to stop; returns what it did. Raises GridError, with nothing
-    changed, when a scan leads too far away. None where a method takes scans in turn.
+    Ends early when `cancelled`. A scan that leads too far away raises GridError; with `leave_out`
+    the map is made of the others.
     """
-    return METHODS[name].batch(method)
+    together = METHODS[name].batch(method)
+    if together is not None:
+        try:
+            return together(scans, cancelled)
+        except GridError:  # and nothing was changed
+            if not leave_out:
+                raise
+    changed, added = NOTHING, 0
+    for placed in scans:
+        if cancelled():
+            break
+        try:
+            changed = changed.union(method.update(placed))
+        except GridError:
+            if not leave_out:
+                raise
+        else:
+            added += 1
+    return Batch(changed, added)
+
+
+def check_change(before: MapperConfig, after: MapperConfig) -> None:
+    """Raise ConfigError for a setting that differs and that the method has fixed or unused."""
+    name, old, new = before.method, flatten(before), flatten(after)
+    for setting in sorted({one for one in new if new[one] != old[one]} - live_settings(name)):
+        require(False, setting, new[setting], f'method {name} has it fixed or unused')
 
 
 def extras_of(name: str, method: MappingMethod, box: CellBox) -> Extras:

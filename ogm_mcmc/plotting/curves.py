@@ -9,9 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ogm_mcmc.arrays import AnyArray
-from ogm_mcmc.errors import ConfigError
 
-__all__ = ['Series', 'curves_png', 'require_matplotlib']
+__all__ = ['Series', 'curves_png']
 
 
 class Series(NamedTuple):
@@ -21,16 +20,6 @@ class Series(NamedTuple):
     x: AnyArray
     y: AnyArray
     style: str = '-'
-
-
-def require_matplotlib() -> None:
-    """Raise ConfigError where matplotlib is not installed; call it before long work."""
-    try:
-        import matplotlib.figure  # noqa: F401
-    except ImportError as error:
-        raise ConfigError(
-            f'curves need matplotlib ({error}): pip install "ogm_mcmc[plots]"'
-        ) from error
 
 
 def curves_png(
@@ -49,7 +38,6 @@ def curves_png(
     Curves are given whole, a point for every threshold: matplotlib leaves out what lies within a
     ninth of a pixel of the line without it (three million points of a ROC curve: half a second).
     """
-    require_matplotlib()
     from matplotlib.figure import Figure
     from matplotlib.ticker import MaxNLocator
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from ogm_mcmc.arrays import AnyArray
 from ogm_mcmc.files.pictures import UNKNOWN_COLOUR
-from ogm_mcmc.plotting.curves import Series, require_matplotlib
+from ogm_mcmc.plotting.curves import Series
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -88,7 +88,6 @@ def grids_png(
 
     side  pixels that the longer side of a grid has at least
     """
-    require_matplotlib()
     from matplotlib.figure import Figure
 
     layout = _layout(grids, side)

@@ -28,7 +28,7 @@ from ogm_mcmc.engine.saved_map import MapToSave, replacing_map, saved_text
 from ogm_mcmc.errors import OgmError
 from ogm_mcmc.files.user_paths import user_path
 from ogm_mcmc.geometry import PlacedScan
-from ogm_mcmc.pipeline import MappingPipeline, live_settings, uses_covariance
+from ogm_mcmc.pipeline import MappingPipeline
 from ogm_mcmc.ros.diagnostics import DIAGNOSTICS_S, Diagnostics
 from ogm_mcmc.ros.intake_health import WELL
 from ogm_mcmc.ros.live_maps import LiveMaps
@@ -63,7 +63,7 @@ class OnlineMapper(ManagedNode):
             self.parameters.read(PlacingConfig),
             self.map_scan,
             sonar=self.pipeline.config.method == 'sonar',
-            with_covariance=uses_covariance(self.pipeline.config.method),
+            with_covariance=self.pipeline.uses_covariance,
         )
         self.maps = LiveMaps(
             self,
@@ -127,7 +127,7 @@ class OnlineMapper(ManagedNode):
         self._look_at_no_returns(placed)
         if self.kept is not None:
             # Only methods that look at clouds of particles need them again.
-            if not uses_covariance(self.pipeline.config.method):
+            if not self.pipeline.uses_covariance:
                 placed = placed._replace(belief=placed.belief._replace(particles=None))
             self.kept.add(placed)
 
@@ -144,7 +144,7 @@ class OnlineMapper(ManagedNode):
     def _remark_on_cloud(self, placed: PlacedScan) -> None:
         cloud, config = placed.belief.particles, self.pipeline.config
         limit = config.pose_uncertain.max_particles
-        if cloud is not None and cloud.weights.size > limit and uses_covariance(config.method):
+        if cloud is not None and cloud.weights.size > limit and self.pipeline.uses_covariance:
             self.intake.problems.remark(
                 f'clouds of more than {limit} particles: so many are drawn for each scan '
                 '(pose_uncertain.max_particles)'
@@ -277,7 +277,7 @@ class OnlineMapper(ManagedNode):
     def check_parameters(self, changes: list[Parameter]) -> SetParametersResult:
         """Judge a change; what the method does not use is refused."""
         method = self.parameters.read(NodeMapperConfig).method
-        unused = self.parameters.live_of(NodeMapperConfig) - live_settings(method)
+        unused = self.parameters.live_of(NodeMapperConfig) - MappingPipeline.live_settings(method)
         for name in sorted({change.name for change in changes} & unused):
             reason = f'{name} has no effect with method {method}'
             return SetParametersResult(successful=False, reason=reason)

@@ -14,11 +14,12 @@ from support.strategies import fan
 
 from ogm_mcmc.cli.main import run
 from ogm_mcmc.config import ForwardModelConfig, OutputConfig
+from ogm_mcmc.engine.saved_map import save_map
 from ogm_mcmc.evaluation import expected_information_gain
 from ogm_mcmc.geometry import GridMap, GridSpec, PlacedScan, Pose2D
 from ogm_mcmc.io import ros_types
 from ogm_mcmc.io.bags import BagWriter
-from ogm_mcmc.io.map_files import load_grid, save_map, save_npz
+from ogm_mcmc.io.map_files import load_grid, save_npz
 from ogm_mcmc.io.recording_bag import write_recording
 from ogm_mcmc.io.sample_files import MapSamples, save_samples
 from ogm_mcmc.sensors.forward_model import ForwardModel

@@ -11,9 +11,10 @@ from support.strategies import fan
 from ogm_mcmc.cli.evaluate_several import named_maps
 from ogm_mcmc.cli.main import run
 from ogm_mcmc.config import OutputConfig
+from ogm_mcmc.engine.saved_map import save_map
 from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.geometry import GridMap, GridSpec, PlacedScan, Pose2D
-from ogm_mcmc.io.map_files import save_map, save_npz
+from ogm_mcmc.io.map_files import save_npz
 from ogm_mcmc.io.recording_bag import write_recording
 
 SPEC = GridSpec(0.1, 4, 3)

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from ogm_mcmc.config import OutputConfig
+from ogm_mcmc.engine.saved_map import save_map
 from ogm_mcmc.errors import OutputError
 from ogm_mcmc.files.output_files import (
     checked_name,
@@ -24,7 +25,7 @@ from ogm_mcmc.files.output_files import (
     writable_folder,
 )
 from ogm_mcmc.geometry import GridMap, GridSpec
-from ogm_mcmc.io.map_files import load_map, save_map
+from ogm_mcmc.io.map_files import load_map
 
 
 @pytest.mark.parametrize('error', [None, OutputError, KeyboardInterrupt])
@@ -215,7 +216,7 @@ from pathlib import Path
 import numpy as np
 from ogm_mcmc.config import OutputConfig
 from ogm_mcmc.geometry import GridMap, GridSpec
-from ogm_mcmc.io.map_files import save_map
+from ogm_mcmc.engine.saved_map import save_map
 new = GridMap(GridSpec(0.2, 2, 2), np.array([[1.0, np.nan], [0.0, 0.0]], np.float32))
 replace, codes = os.replace, []
 for steps, folder in enumerate(sys.argv[1:]):

@@ -19,13 +19,13 @@ from ogm_mcmc.config import (
     WindowConfig,
     flatten,
 )
-from ogm_mcmc.config.settings import read_parameter_file
 from ogm_mcmc.engine.prior_files import Prior, load_prior, save_prior
 from ogm_mcmc.engine.saved_chains import load_chains, save_chains
 from ogm_mcmc.engine.tree_files import load_tree
 from ogm_mcmc.errors import OgmError
 from ogm_mcmc.geometry import GridMap, GridSpec, PlacedScan, Pose2D
 from ogm_mcmc.io.map_files import load_map, load_npz, save_npz, write_tables
+from ogm_mcmc.io.parameter_files import read_parameter_file
 from ogm_mcmc.io.sample_files import MapSamples, load_samples, save_samples
 from ogm_mcmc.io.training_maps import MapSource, read_training_map
 from ogm_mcmc.io.world_files import load_image

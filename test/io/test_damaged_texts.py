@@ -9,12 +9,12 @@ import pytest
 from support.fuzz import ROUNDS, SEED
 
 from ogm_mcmc.cli.evaluate_path import read_way
-from ogm_mcmc.config.settings import read_parameter_file
 from ogm_mcmc.errors import BagError, OgmError
 from ogm_mcmc.files.output_files import replacing_set
 from ogm_mcmc.io.bag_files import kind_of, unpacked
 from ogm_mcmc.io.bags import BagReader
 from ogm_mcmc.io.carmen import read_carmen
+from ogm_mcmc.io.parameter_files import read_parameter_file
 from ogm_mcmc.io.point_files import read_points
 from ogm_mcmc.io.relation_files import read_relations
 from ogm_mcmc.io.stata_import import read_pose_file

@@ -10,10 +10,11 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from ogm_mcmc.config import OutputConfig
+from ogm_mcmc.engine.saved_map import save_map
 from ogm_mcmc.errors import OutputError
 from ogm_mcmc.files.output_files import writable_folder
 from ogm_mcmc.geometry import GridMap, GridSpec
-from ogm_mcmc.io.map_files import load_map, save_map, save_npz
+from ogm_mcmc.io.map_files import load_map, save_npz
 
 SPEC = GridSpec(0.05, 3, 2, column0=-7, row0=11, anchor_x_m=0.1, anchor_y_m=-20.3)
 # The second row is the one of higher y.

@@ -5,9 +5,9 @@ import pytest
 from PIL import Image
 
 from ogm_mcmc.config import OutputConfig
+from ogm_mcmc.engine.saved_map import save_map
 from ogm_mcmc.errors import MapFileError, OutputError
 from ogm_mcmc.geometry import GridMap, GridSpec
-from ogm_mcmc.io.map_files import save_map
 from ogm_mcmc.io.map_sheet import save_side_by_side
 
 WHITE, BLACK, UNKNOWN = (255, 255, 255), (0, 0, 0), (190, 198, 208)

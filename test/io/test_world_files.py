@@ -7,9 +7,10 @@ import pytest
 from PIL import Image
 
 from ogm_mcmc.config import OutputConfig
+from ogm_mcmc.engine.saved_map import save_map
 from ogm_mcmc.errors import MapFileError
 from ogm_mcmc.geometry import GridMap, GridSpec, Pose2D
-from ogm_mcmc.io.map_files import save_map, save_npz
+from ogm_mcmc.io.map_files import save_npz
 from ogm_mcmc.io.world_files import WORLD_NAMES, load_world, write_poses
 from ogm_mcmc.simulation import Building, generate_floor
 

@@ -6,10 +6,8 @@ import re
 from html.parser import HTMLParser
 
 import numpy as np
-import pytest
 from PIL import Image
 
-from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.plotting import (
     Page,
     Picture,
@@ -18,7 +16,6 @@ from ogm_mcmc.plotting import (
     curves_png,
     heat_png,
     probability_png,
-    require_matplotlib,
 )
 from ogm_mcmc.plotting.images import UNKNOWN_COLOUR
 
@@ -103,12 +100,6 @@ def test_grids_that_are_enlarged_keep_sharp_cells():
     # A wider one is shrunk, and thin walls must not fall between the pixels.
     assert not sharp(probability_png(np.zeros((2, 601))))
     assert not sharp(curves_png([Series('a', np.arange(3), np.arange(3))], 'x', 'y'))
-
-
-def test_without_matplotlib_one_line_says_what_to_do(monkeypatch):
-    monkeypatch.setitem(__import__('sys').modules, 'matplotlib.figure', None)
-    with pytest.raises(ConfigError, match=r'pip install "ogm_mcmc\[plots\]"'):
-        require_matplotlib()
 
 
 def test_integers_have_integer_ticks(monkeypatch):

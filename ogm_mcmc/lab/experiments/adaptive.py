@@ -27,7 +27,6 @@ from ogm_mcmc.plotting import (
     Series,
     curves_png,
     grids_png,
-    require_matplotlib,
 )
 from ogm_mcmc.simulation import WORLDS, Building, Lidar, rasterised, record
 
@@ -145,7 +144,6 @@ def roc_curve(name: str, counts: ThresholdCounts, points: int = 1000) -> Series:
 
 def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
     """Map an office and a hall, with known and with uncertain poses."""
-    require_matplotlib()
     worlds = {
         'office': World(WORLDS['office'](), Lidar()),
         'hall': World(hall(), Lidar(range_max_m=60.0)),

@@ -21,7 +21,7 @@ from ogm_mcmc.geometry import CellBox, PlacedScan, Pose2D, Scan
 from ogm_mcmc.lab.experiments.results import row, save_picture
 from ogm_mcmc.mapping.gaussian_field import GaussianField, Prediction, solve_field
 from ogm_mcmc.mapping.two_assumption import TwoAssumptionMapper
-from ogm_mcmc.plotting import Grid, Scale, Series, grids_png, require_matplotlib
+from ogm_mcmc.plotting import Grid, Scale, Series, grids_png
 from ogm_mcmc.simulation import Building, rasterised, true_ranges
 
 __all__ = ['corridor', 'observations', 'run']
@@ -114,7 +114,6 @@ def probability(log_odds: AnyArray) -> Float64Array:
 
 def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
     """Observe, predict with every parameter of the paper, compare, draw."""
-    require_matplotlib()
     seen = observations(seed, 2.0 if quick else 1.0)
     settings = {
         (scale, variance): replace(CONFIG.random_field, length_scale=scale, variance=variance)
