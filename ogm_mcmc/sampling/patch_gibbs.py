@@ -294,7 +294,7 @@ class PatchModel(IndexedModel):
         return int(
             sweep_patches(
                 rng,
-                corners,
+                np.ascontiguousarray(corners),  # a turn may be a stride: one kernel for both
                 table.side,
                 self._inner,
                 self._ring,

@@ -16,7 +16,7 @@ from ogm_mcmc.lab.exact import enumerate_maps
 from ogm_mcmc.sampling import CellModel, PosteriorSampler, RayWindow
 from ogm_mcmc.sampling.gibbs_kernels import NO_CHANCE, PARTS
 from ogm_mcmc.sampling.patch_gibbs import PatchModel
-from ogm_mcmc.sampling.patch_gibbs_kernels import add_likelihoods, scratch
+from ogm_mcmc.sampling.patch_gibbs_kernels import add_likelihoods, scratch, sweep_patches
 from ogm_mcmc.sampling.patch_patterns import images, join, split
 from ogm_mcmc.sampling.patch_prior import PatchTable, make_table
 
@@ -316,6 +316,23 @@ def test_records_equal_a_rescan(name, order, random_share, flip_cells, buildings
         )
     assert flips > 40
     assert np.array_equal(state.cells.reshape(height, width)[rim], at_rim)
+
+
+def test_patches_of_a_stride_need_no_kernel_of_their_own(buildings):
+    """Each takes seconds to compile; some turns of a focused sweep are strides."""
+    index = window_of(two_scans(), 40, 30).index
+    sampler = PatchModel(index, 40, table_of('border', buildings))
+    corners = sampler.order_of_sweep(np.random.default_rng(1))[::3]
+    assert not corners.flags.c_contiguous
+    results, kernels = [], []
+    for order in (corners.copy(), corners):
+        state = sampler.start(some_map(np.random.default_rng(2), 0.5, 40, 30))
+        flips = sampler.draw_patches(np.random.default_rng(2), order, state, 0.3)
+        assert flips > 0
+        results.append(state.cells)
+        kernels.append(len(sweep_patches.signatures))
+    assert kernels[0] == kernels[1]
+    assert np.array_equal(*results)
 
 
 def test_what_is_not_sampled_is_solid_and_stays(buildings):
