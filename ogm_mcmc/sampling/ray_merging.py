@@ -15,8 +15,8 @@ reaches beyond them begins a ray that takes in the whole stretch and sigma more 
 records get rare. Samplers see rays as before.
 
 Consequence. Exact, but for rounding of the sums: the tests compare whole chains with those of
-the beams one by one. Poses that differ in the last bit do not merge: over 20 m of cells of 5 cm
-lines a millimetre apart go through other cells. Figures: `docs/whole_drive.md`.
+the beams one by one. Poses that differ in the last bit do not merge, so those that differ by
+next to nothing are made equal before (`ray_stands`). Figures: `docs/whole_drive.md`.
 """
 
 from __future__ import annotations

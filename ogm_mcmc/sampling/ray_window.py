@@ -21,6 +21,7 @@ from ogm_mcmc.sampling.ray_batch import Batch, in_blocks
 from ogm_mcmc.sampling.ray_filing import extended
 from ogm_mcmc.sampling.ray_index import empty_index
 from ogm_mcmc.sampling.ray_merging import Joining, Places
+from ogm_mcmc.sampling.ray_stands import Stands, settled
 from ogm_mcmc.sensors.forward_model import ForwardModel
 
 __all__ = ['RayWindow', 'WindowSize']
@@ -67,8 +68,9 @@ class RayWindow:
     nothing is on its way up to there, like one that is longer than the sensor reaches; sensors
     outside are left out.
 
-    With `merge` beams that run along together are one ray, see `ogm_mcmc.sampling.ray_merging`;
-    without it each beam is a ray, in the order of scans and beams.
+    With `merge` beams that run along together are one ray, see `ogm_mcmc.sampling.ray_merging`,
+    also those of a robot that stands and jitters, see `ray_stands`; without it each beam is a ray,
+    in the order of scans and beams.
     """
 
     def __init__(
@@ -91,6 +93,7 @@ class RayWindow:
         self._size = WindowSize(0, 0, CellBox(0, 0, 0, 0))
         self._merge = merge
         self._places: Places = {}
+        self._stands: Stands = {}
 
     @property
     def n_merged(self) -> int:
@@ -103,7 +106,9 @@ class RayWindow:
         Raises GridError for a ray that is too long, WindowError when the memory limit would be
         passed; nothing has changed then.
         """
-        scans = list(placed)
+        scans, stands = list(placed), Stands()
+        if self._merge:
+            scans, stands = settled(scans, self._stands, self.config)
         joining = self._joining(scans)
         batch = Batch(scans, self._cast, joining)
         if batch.n_beams == 0:
@@ -131,6 +136,7 @@ class RayWindow:
         self.n_beams += batch.n_beams
         if joining is not None:
             self._places.update(joining.places)
+            self._stands.update(stands)
         return batch.n_beams
 
     def _joining(self, scans: Sequence[PlacedScan]) -> Joining | None:
