@@ -41,7 +41,9 @@ from ogm_mcmc.config import (
 from ogm_mcmc.config.nodes import REFINE_CONFIGS, RefineSamplerConfig
 from ogm_mcmc.engine.joint_poses import PoseRefinement, choose_joint
 from ogm_mcmc.engine.odometry import said_odometry
-from ogm_mcmc.engine.refinement import Progress, Recording, Refinement
+from ogm_mcmc.engine.progress import Progress
+from ogm_mcmc.engine.recording import Recording
+from ogm_mcmc.engine.refinement import Refinement
 from ogm_mcmc.engine.signals import interruptible
 from ogm_mcmc.engine.tiled_refinement import TiledRefinement
 from ogm_mcmc.engine.warm_up import warm_up_sampling

@@ -11,7 +11,7 @@ import numpy as np
 from ogm_mcmc.arrays import Float32Array, UInt8Array
 from ogm_mcmc.config import OutputConfig
 from ogm_mcmc.engine.joint_poses import RefinedTrajectory
-from ogm_mcmc.engine.refinement import Refinement, hide_uncertain
+from ogm_mcmc.engine.refinement import Refinement
 from ogm_mcmc.engine.saved_map import write_shown
 from ogm_mcmc.files.output_files import replacing_set
 from ogm_mcmc.geometry import CellBox, GridMap, GridSpec
@@ -49,7 +49,7 @@ def write_all(
     The NPZ and the entropy have `Refinement.known_map`: nan where data did not move a cell. Its
     layer `posterior_mean` has all cells that rays came to: behind the first surface the prior
     alone speaks there, and draws it solid. PGM and PNG show what is more certain than the prior
-    (`hide_uncertain`). An old set is replaced as a whole.
+    (`Refinement.shown_map`). An old set is replaced as a whole.
     """
     refinement, settings = sampled.refinement, result['settings']
     assert refinement.sampler is not None
@@ -77,7 +77,7 @@ def write_all(
     result.update(shape)
     with replacing_set(folder, name, gone) as scratch:
         layers = {'posterior_mean': mean.probability, **_layers(refinement, mean.spec.box)}
-        shown = hide_uncertain(known, refinement.prior, sampled.margin, estimate.draws)
+        shown = refinement.shown_map(known, estimate.draws, sampled.margin)
         write_shown(shown, scratch, output, name)
         save_npz(known, scratch / f'{name}.npz', settings, layers)
         entropy = heat_png(entropy_bits(known.probability), 1.0)

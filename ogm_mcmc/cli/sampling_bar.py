@@ -12,7 +12,8 @@ from tqdm import tqdm
 
 from ogm_mcmc.config import StopConfig
 from ogm_mcmc.engine.joint_poses import PoseRefinement
-from ogm_mcmc.engine.refinement import Progress, Refinement
+from ogm_mcmc.engine.progress import Progress
+from ogm_mcmc.engine.refinement import Refinement
 
 __all__ = ['refine_poses', 'sample', 'status']
 

@@ -10,7 +10,6 @@ GridMap <--- posterior mean <--- PosteriorSampler.advance(sweeps) ... until a li
 from __future__ import annotations
 
 import operator
-import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -24,11 +23,12 @@ from ogm_mcmc.engine.live_map import cells_on, check_lattice, first_maps, live_m
 from ogm_mcmc.engine.no_returns import NoReturnChoice, NoReturns, no_return_of
 from ogm_mcmc.engine.posterior import Grown, patch_prior, posterior_model
 from ogm_mcmc.engine.progress import IndexSize, Progress
-from ogm_mcmc.engine.recording import Recording, fingerprint
+from ogm_mcmc.engine.recording import fingerprint
+from ogm_mcmc.engine.sampling_rounds import SamplingRounds
 from ogm_mcmc.engine.saved_chains import load_chains, save_chains, saved_settings
 from ogm_mcmc.engine.sensor_fit import SensorNumbers, fit_sensor, found_of_beams, saved_beams
 from ogm_mcmc.engine.warp import laid_on, moved_cells
-from ogm_mcmc.errors import ConfigError, WindowError
+from ogm_mcmc.errors import WindowError
 from ogm_mcmc.files.output_files import replacing
 from ogm_mcmc.geometry import GridMap, GridSpec, PlacedScan
 from ogm_mcmc.sampling import ChainQuality, PosteriorModel, PosteriorSampler, RayWindow
@@ -37,26 +37,13 @@ from ogm_mcmc.sampling.estimates import hide_uncertain, with_one_more_draw
 from ogm_mcmc.sampling.informed import known_cells
 from ogm_mcmc.sampling.posterior import ARRIVES, Estimate
 
-__all__ = [
-    'IndexSize',
-    'Progress',
-    'Recording',
-    'Refinement',
-    'hide_uncertain',
-    'live_map',
-]
-
-# Judging chains takes a look at every batch of every cell: at most this share of the time.
-JUDGING_SHARE = 0.1
+__all__ = ['Refinement']
 
 # So many sweeps at most, enough to see what moves, where at most a tenth of the scans are new.
 WARM_BURN_IN = 16
 
 # The setting of a saved state that holds what was found of the beams.
 FOUND = 'found'
-
-# Fewer sweeps agree by chance.
-MIN_COUNTED = 64
 
 
 class Refinement:
@@ -79,8 +66,7 @@ class Refinement:
         self.window = self._empty_window()
         self._table, self.prior = patch_prior(config)
         self.sampler: PosteriorSampler | None = None
-        self.quality: ChainQuality | None = None  # of the informed cells
-        self._summary: dict[str, float] | None = None
+        self.rounds = SamplingRounds()
         self._live: GridMap | None = None  # of the scans taken, once asked for
 
     # -- scans in ---------------------------------------------------------------------------
@@ -126,13 +112,13 @@ class Refinement:
                 self._take_nothing()
             raise
         self.window, self._taken, self.corrected = window, list(scans), moved is not None
-        self.sampler, self.quality, self._summary, self._live = sampler, None, None, None
+        self.sampler, self.rounds, self._live = sampler, SamplingRounds(), None
         return self.size.n_rays
 
     def _take_nothing(self) -> None:
         """Hold no scan and no chain, as in the beginning."""
         self.window, self._taken = self._empty_window(), []
-        self.sampler, self.quality, self._summary = None, None, None
+        self.sampler, self.rounds = None, SamplingRounds()
 
     def _indexed(self, scans: Sequence[PlacedScan], known: int) -> RayWindow:
         """Return the rays of scans, the first `known` of which are indexed."""
@@ -242,69 +228,12 @@ class Refinement:
         """
         if self.sampler is None:
             raise WindowError('no scan was taken: nothing to sample')
-        # Chains that go on may have their burn-in behind them.
-        if self.sampler.burn_in >= self.sampler.sweeps + stop.max_sweeps:
-            raise ConfigError(
-                f'max_sweeps is {stop.max_sweeps}: expected more than burn_in '
-                f'({self.sampler.burn_in}), or no sweep counts'
-            )
-        return self._rounds(self.sampler, stop, cancelled)
+        return self.rounds.run(self.sampler, stop, cancelled)
 
-    def _rounds(
-        self, sampler: PosteriorSampler, stop: StopConfig, cancelled: Callable[[], bool]
-    ) -> Iterator[Progress]:
-        began, done, per_round = time.monotonic(), 0, 1
-        judged_at, judging_s = began, 0.0
-        reason = ''
-        while not reason:
-            started = time.monotonic()
-            n = min(per_round, stop.max_sweeps - done)
-            sampler.advance(n)
-            done += n
-            now = time.monotonic()
-            per_round = max(
-                1, min(round(sampler.round_s * n / max(now - started, 1e-6)), 2 * per_round)
-            )
-            if done >= stop.max_sweeps:
-                reason = 'sweeps'
-            elif now - began >= stop.max_time:
-                reason = 'time'
-            elif cancelled():
-                reason = 'cancelled'
-            if reason or (now - judged_at) * JUDGING_SHARE >= judging_s:
-                self.quality = sampler.informed_quality()
-                self._summary = None if self.quality is None else self.quality.summary()
-                judged_at = time.monotonic()
-                judging_s = judged_at - now
-                if not reason and self._converged(stop, sampler.counted):
-                    reason = 'converged'
-            yield self._progress(sampler, done, time.monotonic() - began, stop, reason)
-
-    def _converged(self, stop: StopConfig, counted: int) -> bool:
-        return (
-            self.quality is not None
-            and stop.r_hat > 0.0
-            and counted >= MIN_COUNTED
-            and self.quality.agreeing_share(stop.r_hat) >= stop.agreeing_share
-        )
-
-    def _progress(
-        self, sampler: PosteriorSampler, done: int, seconds: float, stop: StopConfig, reason: str
-    ) -> Progress:
-        quality = self.quality
-        figures = {'r_hat_p99': np.inf, 'ess_median': 0.0, 'mcse_max': np.inf}
-        if self._summary is not None:
-            figures = {key: self._summary[key] for key in figures}
-        return Progress(
-            sweeps=sampler.sweeps,
-            counted=sampler.counted,
-            seconds=seconds,
-            sweeps_per_s=done / max(seconds, 1e-9),
-            agreeing_share=0.0 if quality is None else quality.agreeing_share(stop.r_hat),
-            log_likelihood=float(np.mean(sampler.log_likelihoods())),
-            reason=reason,
-            **figures,
-        )
+    @property
+    def quality(self) -> ChainQuality | None:
+        """How well the chains agreed when they were judged last, on the informed cells."""
+        return self.rounds.quality
 
     # -- to disk and back -------------------------------------------------------------------
 
@@ -356,7 +285,7 @@ class Refinement:
             raise
         finally:
             self._resumed = None
-        self.sampler, self.quality, self._summary = sampler, None, None
+        self.sampler, self.rounds = sampler, SamplingRounds()
 
     def _identity(self) -> dict[str, Any]:
         return {**self.settings(), 'fingerprint': fingerprint(self._taken)}
@@ -384,6 +313,13 @@ class Refinement:
         arrives = (sampler.arrival(of.mean) >= ARRIVES).reshape(spec.height, spec.width)
         known = known_cells(whole.probability, arrives, self.config.patch.margin)
         return GridMap(spec, np.where(known, whole.probability, np.float32(np.nan)))
+
+    def shown_map(self, known: GridMap, draws: int, margin: float) -> GridMap:
+        """Return what `known_map` gave of so many draws where it is surer than the prior.
+
+        See `hide_uncertain`.
+        """
+        return hide_uncertain(known, self.prior, margin, draws)
 
     def grid_map(self, values: Float32Array) -> GridMap:
         """Return values (C,) of the touched cells on the window, nan elsewhere."""

@@ -16,20 +16,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
-from ogm_mcmc.arrays import Float64Array
 from ogm_mcmc.config import PosesConfig, SamplerConfig, StopConfig
-from ogm_mcmc.engine.collision import collision_risk
-from ogm_mcmc.engine.joint_poses import KeptPoses, RefinedTrajectory
+from ogm_mcmc.engine.joint_poses import KeptPoses
 from ogm_mcmc.engine.kept_samples import MOST_SAMPLES, KeptSamples
-from ogm_mcmc.engine.no_returns import NoReturnChoice
 from ogm_mcmc.engine.odometry import OdometryAt, said_odometry
-from ogm_mcmc.engine.refinement import Progress, Refinement
-from ogm_mcmc.engine.sensor_fit import SensorNumbers
+from ogm_mcmc.engine.progress import Progress
+from ogm_mcmc.engine.refined_map import RefinedMap, WorkerStatus
+from ogm_mcmc.engine.refinement import Refinement
 from ogm_mcmc.errors import OgmError, WindowError
-from ogm_mcmc.geometry import GridMap, PlacedScan, SampleBits
-from ogm_mcmc.trajectory import TrajectoryProgress
+from ogm_mcmc.geometry import PlacedScan
 
-__all__ = ['RefineWorker', 'RefinedMap', 'WorkerStatus']
+__all__ = ['RefineWorker']
 
 JOIN_S = 60.0
 
@@ -43,56 +40,6 @@ SOON = 5
 
 # Building an index cannot be interrupted, and half of one is of no use: it is not waited for.
 LEAVE_INDEXING_S = 1.0
-
-
-class RefinedMap(NamedTuple):
-    """A posterior mean as it was handed over, nan where data says nothing; `number` rises by one.
-
-    It is the mean of `draws` maps of all chains; a cell of which nothing is known has `prior`.
-    `trajectory` are the poses it was sampled at, where they are estimated; `samples` some of the
-    maps, None while no sweep counts.
-    """
-
-    number: int
-    grid_map: GridMap
-    prior: float
-    draws: int
-    scans: int
-    stamp_ns: int
-    final: bool
-    trajectory: RefinedTrajectory | None = None
-    samples: SampleBits | None = None
-
-    def collision_risk(self, places: Float64Array, radius_m: float) -> Float64Array:
-        """Return (N + 1,): how likely a disc meets something at each place, and on the way.
-
-        places  (N, 2), m. Raises WindowError while there are no samples, and what
-        `ogm_mcmc.engine.collision.collision_risk` raises.
-        """
-        if self.samples is None:
-            raise WindowError('no sweep counts yet: no samples of the map')
-        return collision_risk(self.samples, places, radius_m, self.prior)
-
-
-class WorkerStatus(NamedTuple):
-    """What the worker does, how far it is, why it stopped, and what went wrong last.
-
-    `chain_sweeps`: of the chains that are here, whatever scans they saw; a new order goes on from
-    them, also one that comes while an index is built.
-    """
-
-    state: str = 'idle'  # idle, refining poses, indexing, sampling
-    scans: int = 0
-    rays: int = 0
-    merged: int = 0  # of these rays, with others that they run along with
-    n_bytes: int = 0
-    progress: Progress | None = None
-    sensor: SensorNumbers | None = None
-    no_return: NoReturnChoice | None = None
-    poses: TrajectoryProgress | None = None
-    stopped: str = ''
-    error: str = ''
-    chain_sweeps: int = 0
 
 
 class _Order(NamedTuple):

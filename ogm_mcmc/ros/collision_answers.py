@@ -12,7 +12,7 @@ from rclpy.node import Node
 from std_msgs.msg import Float32MultiArray, MultiArrayDimension
 
 from ogm_mcmc.arrays import Float64Array
-from ogm_mcmc.engine.worker import RefinedMap
+from ogm_mcmc.engine.refined_map import RefinedMap
 from ogm_mcmc.errors import PoseError
 from ogm_mcmc.io import messages
 from ogm_mcmc.ros.problems import Problems

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from ogm_mcmc.config import StopConfig
 from ogm_mcmc.engine.no_returns import NoReturnChoice
-from ogm_mcmc.engine.refinement import Progress
+from ogm_mcmc.engine.progress import Progress
+from ogm_mcmc.engine.refined_map import WorkerStatus
 from ogm_mcmc.engine.sensor_fit import SensorNumbers
-from ogm_mcmc.engine.worker import WorkerStatus
 
 __all__ = [
     'disagreement',

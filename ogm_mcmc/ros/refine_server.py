@@ -30,10 +30,10 @@ from ogm_mcmc.config.nodes import (
 )
 from ogm_mcmc.engine.corrections import Corrected, Corrector, Nodes
 from ogm_mcmc.engine.recording import Recording
-from ogm_mcmc.engine.refinement import hide_uncertain
+from ogm_mcmc.engine.refined_map import RefinedMap
 from ogm_mcmc.engine.saved_map import save_refined, saved_text
 from ogm_mcmc.engine.warm_up import warm_up_collisions, warm_up_poses, warm_up_sampling
-from ogm_mcmc.engine.worker import RefinedMap, RefineWorker
+from ogm_mcmc.engine.worker import RefineWorker
 from ogm_mcmc.errors import OgmError
 from ogm_mcmc.files.output_files import writable_folder
 from ogm_mcmc.files.user_paths import user_path
@@ -223,7 +223,7 @@ class RefineServer(ManagedNode):
 
     def shown(self, result: RefinedMap) -> GridMap:
         """Return a map with nan where it is no more certain than the prior."""
-        return hide_uncertain(result.grid_map, result.prior, self.unknown_margin, result.draws)
+        return result.shown(self.unknown_margin)
 
     def publish_diagnostics(self) -> None:
         """Say how it goes: what was recorded, how far sampling is, why it stopped."""

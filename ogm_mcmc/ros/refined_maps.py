@@ -12,7 +12,7 @@ from rclpy.node import Node
 
 from ogm_mcmc.config import OutputConfig
 from ogm_mcmc.engine.map_view import rendered
-from ogm_mcmc.engine.worker import RefinedMap
+from ogm_mcmc.engine.refined_map import RefinedMap
 from ogm_mcmc.geometry import GridMap, GridSpec
 from ogm_mcmc.ros.grid_publisher import grid_message
 from ogm_mcmc.ros.latched_topic import LatchedTopic

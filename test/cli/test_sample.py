@@ -16,7 +16,8 @@ from ogm_mcmc.cli.sample import SHORT, _chosen, add_to
 from ogm_mcmc.cli.sampling_bar import status
 from ogm_mcmc.config import StopConfig, flatten, settings_of
 from ogm_mcmc.config.nodes import LEARNED, REFINE_CONFIGS
-from ogm_mcmc.engine.refinement import Progress, Refinement
+from ogm_mcmc.engine.progress import Progress
+from ogm_mcmc.engine.refinement import Refinement
 from ogm_mcmc.engine.signals import leave_on_signals
 from ogm_mcmc.errors import OutputError
 from ogm_mcmc.evaluation.trajectories import absolute_errors

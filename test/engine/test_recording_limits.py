@@ -6,7 +6,7 @@ from ogm_mcmc.config import (
     KeepConfig,
     RecordingConfig,
 )
-from ogm_mcmc.engine.refinement import Recording
+from ogm_mcmc.engine.recording import Recording
 
 
 def stamped(seconds, beams=2):

@@ -16,8 +16,10 @@ from ogm_mcmc.config import (
     WindowConfig,
 )
 from ogm_mcmc.config.nodes import RefineSamplerConfig
-from ogm_mcmc.engine.refinement import Refinement, hide_uncertain, live_map
+from ogm_mcmc.engine.live_map import live_map
+from ogm_mcmc.engine.refinement import Refinement
 from ogm_mcmc.geometry import GridMap, PlacedScan, Pose2D
+from ogm_mcmc.sampling.estimates import hide_uncertain
 from ogm_mcmc.sampling.informed import known_cells
 from ogm_mcmc.sampling.posterior import ARRIVES
 

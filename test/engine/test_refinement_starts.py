@@ -16,8 +16,9 @@ from ogm_mcmc.config import (
     StopConfig,
     WindowConfig,
 )
+from ogm_mcmc.engine.live_map import live_map
 from ogm_mcmc.engine.no_returns import NoReturnChoice, NoReturns
-from ogm_mcmc.engine.refinement import WARM_BURN_IN, Refinement, live_map
+from ogm_mcmc.engine.refinement import WARM_BURN_IN, Refinement
 from ogm_mcmc.errors import GridError
 from ogm_mcmc.geometry import PlacedScan, Pose2D, PoseBelief
 

@@ -8,11 +8,12 @@ from support.strategies import fan
 
 from ogm_mcmc.config import ChainConfig, PatchConfig, SamplerConfig, StopConfig, WindowConfig
 from ogm_mcmc.engine.recording import fingerprint
-from ogm_mcmc.engine.refinement import Refinement, hide_uncertain
+from ogm_mcmc.engine.refinement import Refinement
 from ogm_mcmc.engine.saved_chains import save_chains
 from ogm_mcmc.engine.warm_up import warm_up_sampling
 from ogm_mcmc.errors import WindowError
 from ogm_mcmc.geometry import PlacedScan, Pose2D, PoseBelief
+from ogm_mcmc.sampling.estimates import hide_uncertain
 
 CONFIG = SamplerConfig(window=WindowConfig(resolution=0.2), chain=ChainConfig(burn_in=20))
 

@@ -13,7 +13,7 @@ from rclpy.parameter import Parameter
 from std_msgs.msg import Float32MultiArray
 from support.local_ros import Logs, local_node
 
-from ogm_mcmc.engine.worker import RefinedMap
+from ogm_mcmc.engine.refined_map import RefinedMap
 from ogm_mcmc.geometry import GridMap, GridSpec, SampleBits
 from ogm_mcmc.ros.qos import QUESTIONS
 from ogm_mcmc.ros.refine_server import RefineServer

@@ -5,9 +5,9 @@ import pytest
 pytest.importorskip('rclpy', reason='rclpy is not installed: no ROS tests')
 
 from ogm_mcmc.config import StopConfig
-from ogm_mcmc.engine.refinement import Progress
+from ogm_mcmc.engine.progress import Progress
+from ogm_mcmc.engine.refined_map import WorkerStatus
 from ogm_mcmc.engine.sensor_fit import SensorNumbers, Share
-from ogm_mcmc.engine.worker import WorkerStatus
 from ogm_mcmc.ros.refine_report import (
     disagreement,
     order_text,

@@ -15,7 +15,8 @@ import numpy as np
 
 from ogm_mcmc.config import SamplerConfig, StopConfig, flatten
 from ogm_mcmc.engine.live_map import live_map
-from ogm_mcmc.engine.refinement import Progress, Refinement
+from ogm_mcmc.engine.progress import Progress
+from ogm_mcmc.engine.refinement import Refinement
 from ogm_mcmc.engine.warm_up import warm_up_sampling
 from ogm_mcmc.evaluation import ForwardModel, beam_log_likelihood
 from ogm_mcmc.geometry import GridMap, PlacedScan

@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 
 from ogm_mcmc.config import ForwardModelConfig
-from ogm_mcmc.engine.refinement import hide_uncertain
 from ogm_mcmc.lab.experiments.buildings import INTEL
 from ogm_mcmc.lab.experiments.hardware_sets import (
     CELL_PRIOR,
@@ -28,6 +27,7 @@ from ogm_mcmc.lab.experiments.hardware_sets import (
 from ogm_mcmc.lab.experiments.map_samples import METHODS, config_of, sample_map
 from ogm_mcmc.lab.experiments.results import picture_text
 from ogm_mcmc.plotting import probability_png
+from ogm_mcmc.sampling.estimates import hide_uncertain
 
 __all__ = ['STARTS', 'unseen']
 

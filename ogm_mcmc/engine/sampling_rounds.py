@@ -1,0 +1,104 @@
+"""Sampling in rounds of about 0.1 s until a limit is reached, and how well the chains agree."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from ogm_mcmc.config import StopConfig
+from ogm_mcmc.engine.progress import Progress
+from ogm_mcmc.errors import ConfigError
+from ogm_mcmc.sampling import ChainQuality, PosteriorSampler
+
+__all__ = ['SamplingRounds']
+
+# Judging chains takes a look at every batch of every cell: at most this share of the time.
+JUDGING_SHARE = 0.1
+
+# Fewer sweeps agree by chance.
+MIN_COUNTED = 64
+
+
+class SamplingRounds:
+    """Rounds of sampling. `quality` is that of the informed cells when chains were judged last."""
+
+    def __init__(self) -> None:
+        self.quality: ChainQuality | None = None
+        self._summary: dict[str, float] | None = None
+
+    def run(
+        self, sampler: PosteriorSampler, stop: StopConfig, cancelled: Callable[[], bool]
+    ) -> Iterator[Progress]:
+        """Sample until a limit is reached; yield after each round.
+
+        The last progress carries the reason: `sweeps`, `time`, `converged` or `cancelled`.
+        Raises ConfigError at once when the limits contradict each other.
+        """
+        # Chains that go on may have their burn-in behind them.
+        if sampler.burn_in >= sampler.sweeps + stop.max_sweeps:
+            raise ConfigError(
+                f'max_sweeps is {stop.max_sweeps}: expected more than burn_in '
+                f'({sampler.burn_in}), or no sweep counts'
+            )
+        return self._rounds(sampler, stop, cancelled)
+
+    def _rounds(
+        self, sampler: PosteriorSampler, stop: StopConfig, cancelled: Callable[[], bool]
+    ) -> Iterator[Progress]:
+        began, done, per_round = time.monotonic(), 0, 1
+        judged_at, judging_s = began, 0.0
+        reason = ''
+        while not reason:
+            started = time.monotonic()
+            n = min(per_round, stop.max_sweeps - done)
+            sampler.advance(n)
+            done += n
+            now = time.monotonic()
+            per_round = max(
+                1, min(round(sampler.round_s * n / max(now - started, 1e-6)), 2 * per_round)
+            )
+            if done >= stop.max_sweeps:
+                reason = 'sweeps'
+            elif now - began >= stop.max_time:
+                reason = 'time'
+            elif cancelled():
+                reason = 'cancelled'
+            if reason or (now - judged_at) * JUDGING_SHARE >= judging_s:
+                self._judge(sampler)
+                judged_at = time.monotonic()
+                judging_s = judged_at - now
+                if not reason and self._converged(stop, sampler.counted):
+                    reason = 'converged'
+            yield self._progress(sampler, done, time.monotonic() - began, stop, reason)
+
+    def _judge(self, sampler: PosteriorSampler) -> None:
+        self.quality = sampler.informed_quality()
+        self._summary = None if self.quality is None else self.quality.summary()
+
+    def _converged(self, stop: StopConfig, counted: int) -> bool:
+        return (
+            self.quality is not None
+            and stop.r_hat > 0.0
+            and counted >= MIN_COUNTED
+            and self.quality.agreeing_share(stop.r_hat) >= stop.agreeing_share
+        )
+
+    def _progress(
+        self, sampler: PosteriorSampler, done: int, seconds: float, stop: StopConfig, reason: str
+    ) -> Progress:
+        quality = self.quality
+        figures = {'r_hat_p99': np.inf, 'ess_median': 0.0, 'mcse_max': np.inf}
+        if self._summary is not None:
+            figures = {key: self._summary[key] for key in figures}
+        return Progress(
+            sweeps=sampler.sweeps,
+            counted=sampler.counted,
+            seconds=seconds,
+            sweeps_per_s=done / max(seconds, 1e-9),
+            agreeing_share=0.0 if quality is None else quality.agreeing_share(stop.r_hat),
+            log_likelihood=float(np.mean(sampler.log_likelihoods())),
+            reason=reason,
+            **figures,
+        )
