@@ -13,7 +13,7 @@ import numpy as np
 from ogm_mcmc.engine.bag_topics import StreamChoice, StreamTopics, choose_topics
 from ogm_mcmc.engine.mounts import MountFound, Mounts
 from ogm_mcmc.engine.odometry import OdometryAt, odometry_among
-from ogm_mcmc.engine.placing import PoseSource, RobotScan, ScanPlacer
+from ogm_mcmc.engine.placing import DROP_REASONS, PoseSource, RobotScan, ScanPlacer
 from ogm_mcmc.engine.pose_choice import TF
 from ogm_mcmc.engine.pose_history import PoseHistory, Unplaceable, Waiting
 from ogm_mcmc.engine.tf_poses import TfPoses
@@ -115,14 +115,25 @@ class PlacedScans:
             yield from map(self._on_robot, self.placer.placed())
         yield from map(self._on_robot, self.placer.flush())
         if self.placed == 0:
-            raise BagError(
-                f'{self.bag.path}: none of {self.topics.n_scans} scans could be placed '
-                f'({dict(self.placer.dropped)}): expected poses on {self.topics.pose_name} around '
-                f'the stamps of {self.topics.scan_names}'
-                + (f'; the first fault: {self.first_fault}' if self.first_fault else '')
-            )
-
+            raise BagError(self._none_placed())
+        assert self.placer.mounts is not None
+        for fault in self.placer.mounts.faults.values():
+            self.tell(f'scans left out: {fault}')
         self._tell_of_nothing()
+
+    def _none_placed(self) -> str:
+        """Say why no scan could be placed: each reason, how often, and the first fault."""
+        assert self.placer.mounts is not None
+        line = f'{self.bag.path}: none of {self.topics.n_scans} scans could be placed'
+        for reason, count in self.placer.dropped.most_common():
+            line += f'; {reason} {count}: {DROP_REASONS[reason]}'
+        faults = [*self.placer.mounts.faults.values(), self.first_fault]
+        if fault := next(filter(None, faults), ''):
+            return f'{line}; the first fault: {fault}'
+        return (
+            f'{line}; expected poses on {self.topics.pose_name} around the stamps of '
+            + self.topics.scan_names
+        )
 
     def _tell_of_nothing(self) -> None:
         """Say so where no beam of any scan met something."""

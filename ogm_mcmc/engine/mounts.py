@@ -97,6 +97,7 @@ class Mounts:
         self.transforms = transforms
         self.patience_s = patience_s
         self.tell = tell
+        self.faults: Recent[str] = Recent()  # what is wrong with the mount of a frame
         self._first_s: Recent[float] = Recent()
         self._told: Recent[MountFound] = Recent()
         self._n_told = 0
@@ -121,7 +122,8 @@ class Mounts:
             if now_s - self._first_s[frame] < self.patience_s:
                 raise Waiting from None
             return self._unknown(frame)
-        except PoseError:
+        except PoseError as error:
+            self.faults[frame] = str(error)
             raise Unplaceable('scan_bad_mount') from None
         if self.source == 'topic':
             return self._found(frame, mount, 'topic')

@@ -318,6 +318,8 @@ class ScanIntake:
         if reason == 'scan_no_mount':
             told = 'from tf' if self.mount_topic is None else f'on {self._topic(MOUNT_TOPIC)}'
             return f' ({self.transforms.base_frame} -> {scan.frame_id} is expected {told})'
+        if reason == 'scan_bad_mount':
+            return f': {self.mounts.faults.get(scan.frame_id, "")}'
         if reason not in POSE_MISSING:
             return ''
         source = self.placer.source

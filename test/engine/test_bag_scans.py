@@ -154,6 +154,26 @@ def test_the_mount_comes_from_tf_unless_parameters_say_otherwise(place, good):
     assert by_hand[0].pose.x_m == pytest.approx(without[0].pose.x_m + 0.5)
 
 
+def test_a_sensor_that_is_not_level_is_told_by_name(write_bag, good, make_scan):
+    """The optical frame of a camera; beside it a laser that is level is used."""
+    tilted = transform(STAMPS[0], 'base_link', 'optical', 0.0, 0.0, 0.0, math.pi / 2)
+    level = transform(STAMPS[0], 'base_link', 'laser', 0.0, 0.0, 0.0)
+    depth = [('/depth/scan', stamp, make_scan(stamp, frame='optical')) for stamp in STAMPS]
+    static = [('/tf_static', STAMPS[0] - 1, one) for one in (tilted, level)]
+    fault = 'optical on base_link: orientation is tilted by 90 degrees: expected a frame level'
+    path, choice, said = write_bag([*good, *depth, *static]), StreamChoice(), []
+    with BagReader(path) as bag:
+        stream = PlacedScans(bag, choose_topics(bag, choice), choice, tell=said.append)
+        assert len(list(stream)) == 6
+    assert stream.placer.dropped == {'scan_bad_mount': 6}
+    assert said[-1].startswith(f'scans left out: {fault}')
+    with BagReader(path) as bag:
+        choice = StreamChoice(scan_topic='/depth/scan')
+        stream = PlacedScans(bag, choose_topics(bag, choice), choice)
+        with pytest.raises(BagError, match=f'scan_bad_mount 6: its sensor .*fault: {fault}'):
+            list(stream)
+
+
 def test_poses_from_tf(place, good):
     """map -> odom -> base_link -> laser, the base where the poses of the other topic are."""
     expected, _ = place(good)
