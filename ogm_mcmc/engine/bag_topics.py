@@ -175,11 +175,13 @@ def _lasers(
     for topic in found[1:]:
         if taken & set(topic.frames):
             left.append(f'{topic.topic.name} (of {topic.frame} as well)')
-        elif all(_is_mounted(frame, tree, base, mounts) for frame in topic.frames):
+        elif not all(_is_mounted(frame, tree, base, mounts) for frame in topic.frames):
+            left.append(f'{topic.topic.name} (nothing says where {topic.frame} sits)')
+        elif any(tree.moves_apart(base, frame) for frame in topic.frames):
+            left.append(f'{topic.topic.name} ({topic.frame} is not of the robot of {base})')
+        else:
             used.append(topic)
             taken |= set(topic.frames)
-        else:
-            left.append(f'{topic.topic.name} (nothing says where {topic.frame} sits)')
     if len(found) == 1:
         return used, []
     line = 'scans from ' + ', '.join(f'{t.topic.name} ({", ".join(t.frames[:3])})' for t in used)

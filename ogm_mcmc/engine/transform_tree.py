@@ -254,6 +254,16 @@ class TransformTree:
         history = self._frames.get(child)
         return history is not None and not history.static
 
+    def moves_apart(self, base: str, frame: str) -> bool:
+        """Return whether the base moves in the frame that it shares with another.
+
+        So it is with a sensor of another robot in the same map; one that moves on this robot
+        hangs below its base.
+        """
+        up, down = self.ancestors(frame), self.ancestors(base)
+        shared = next((one for one in down if one in up), base)
+        return any(map(self.is_moving, down[: down.index(shared)]))
+
     def frames(self) -> list[str]:
         """Return all frames by name."""
         return sorted(self._names)

@@ -39,6 +39,8 @@ MAGIC = {
     b'#ROSBAG V': 'ros1',
     b'\x28\xb5\x2f\xfd': 'zstd',
 }
+# gzip, bzip2, zip, xz, 7z: what people pack recordings with.
+PACKED = (b'\x1f\x8b', b'BZh', b'PK\x03\x04', b'\xfd7zXZ', b'7z\xbc\xaf')
 SUFFIXES = ('.mcap', '.db3', '.bag', '.zstd')
 
 # Real metadata of thousands of files and topics stays far below.
@@ -61,6 +63,8 @@ def kind_of(path: Path) -> str:
         if start.startswith(magic):
             return kind
     what = 'it is empty' if not start else 'its first bytes are of none of them'
+    if start.startswith(PACKED):
+        what = 'it is a packed archive, to be unpacked first'
     if path.name == 'metadata.yaml':
         raise BagError(f'{path}: expected the folder that it is in, {path.parent}')
     raise BagError(f'{path}: {what}: expected an mcap, sqlite3 or ROS 1 recording')
@@ -185,8 +189,9 @@ def mending(path: Path, kind: str) -> str:
             closed = file.read() == b'\x89MCAP0\r\n'
         if not closed:
             return f'it was not closed: `mcap recover {path} -o mended.mcap` mends it'
-    if kind == 'ros1' and not _is_indexed(path):
-        return f'it was not closed: `rosbag reindex {path}` mends it'
+    if kind == 'ros1':
+        fault = 'its index is damaged' if _is_indexed(path) else 'it was not closed'
+        return f'{fault}: `rosbag reindex {path}` mends it'
     if kind == 'sqlite3' and _is_cut(path):
         mended = f"`sqlite3 {path} '.recover' | sqlite3 mended.db3`"
         return f'it is cut off: {mended} saves what is left'

@@ -15,6 +15,7 @@ from ogm_mcmc.io.bags import BagReader, BagTopic
 
 SECOND = 1_000_000_000
 STAMPS = [20 * SECOND + k * SECOND // 10 for k in range(8)]
+NUMBERED = list(enumerate(STAMPS))
 
 
 @pytest.fixture
@@ -237,6 +238,26 @@ def test_several_robots_with_namespaces(choose, scans):
     topics, placed, said = choose(records, scan_topic='robot2/scan')
     assert 'robot1' not in said[0]
     assert placed[0].pose.yaw_rad == pytest.approx(0.5)
+
+
+def test_several_robots_whose_frames_alone_tell_them_apart(choose, scans):
+    """One /tf for all, one map: the laser of another robot is no laser that moves on this one."""
+    records = []
+    for robot in ('a', 'b'):
+        moving = [
+            ('/tf', t, transform(t, 'map', f'{robot}/base_link', k, 0, 0)) for k, t in NUMBERED
+        ]
+        records += [*moving, static(f'{robot}/laser', 0.2, 0, 0, base=f'{robot}/base_link')]
+        records += scans(f'/{robot}/scan', f'{robot}/laser')
+    topics, placed, said = choose(records, max_speed_m_s=100.0)
+    assert topics.scan_names == '/a/scan'
+    assert (len(placed), placed[0].scan.frame_id) == (len(STAMPS), 'a/laser')
+    assert said[0] == (
+        'scans from /a/scan (a/laser); '
+        'also there: /b/scan (b/laser is not of the robot of a/base_link)'
+    )
+    topics, placed, _ = choose(records, scan_topic='/b/scan', max_speed_m_s=100.0)
+    assert (topics.base_frame, placed[0].scan.frame_id) == ('b/base_link', 'b/laser')
 
 
 def test_transforms_of_the_root_serve_where_a_robot_has_none():

@@ -1,5 +1,9 @@
 """Folders that are not quite a rosbag2, and recordings that were not closed."""
 
+import bz2
+import gzip
+import lzma
+
 import pytest
 import yaml
 
@@ -124,6 +128,13 @@ def test_an_asterisk_is_no_alias():
     assert plain_yaml('note: 2 * 3 is "*six*"') == {'note': '2 * 3 is "*six*"'}
 
 
+@pytest.mark.parametrize('pack', [gzip.compress, bz2.compress, lzma.compress])
+def test_packed_recordings(tmp_path, pack):
+    path = tmp_path / 'recording.packed'
+    path.write_bytes(pack(b'what is in it'))
+    assert 'a packed archive, to be unpacked first: expected an mcap' in refusal(path)
+
+
 def test_recordings_that_were_not_closed(write_bag, recording):
     file = stored(write_bag(recording, name='cut'))
     file.write_bytes(file.read_bytes()[:-200])
@@ -131,6 +142,8 @@ def test_recordings_that_were_not_closed(write_bag, recording):
     assert f'was not closed: `mcap recover {file}' in refusal(file.parent)
     bag = write_bag(recording, 'ros1')
     content = bag.read_bytes()
+    bag.write_bytes(content[:-30])
+    assert f'its index is damaged: `rosbag reindex {bag}` mends it' in refusal(bag)
     bag.write_bytes(content[: len(content) // 2])
     assert f'was not closed: `rosbag reindex {bag}`' in refusal(bag)
     at = content.index(b'index_pos=') + len(b'index_pos=')
