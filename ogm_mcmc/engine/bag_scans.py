@@ -55,6 +55,7 @@ class PlacedScans:
     mounts: dict[str, MountFound] = field(default_factory=dict, init=False)
     first_fault: str = field(default='', init=False)
     odometry_name: str = field(default='', init=False)
+    _mounts: Mounts = field(init=False)
     _said: set[str] = field(default_factory=set, init=False)
     _hit: bool = field(default=False, init=False)
     _informed: bool = field(default=False, init=False)
@@ -71,7 +72,7 @@ class PlacedScans:
             **choice.limits,
         )
         source: PoseSource = transforms if topics.pose_source == 'tf' else self._history()
-        mounts = Mounts(
+        self._mounts = Mounts(
             choice.mounts,
             topics.base_frame,
             transforms=transforms if topics.tree.frames() else None,
@@ -79,7 +80,7 @@ class PlacedScans:
             tell=self._told_of_mount,
         )
         self.placer = ScanPlacer(
-            source, timeout_s=1.0, max_waiting=1_000_000, mounts=mounts, deskew=choice.deskew
+            source, timeout_s=1.0, max_waiting=1_000_000, mounts=self._mounts, deskew=choice.deskew
         )
 
     def _history(self) -> PoseHistory:
@@ -116,18 +117,16 @@ class PlacedScans:
         yield from map(self._on_robot, self.placer.flush())
         if self.placed == 0:
             raise BagError(self._none_placed())
-        assert self.placer.mounts is not None
-        for fault in self.placer.mounts.faults.values():
+        for fault in self._mounts.faults.values():
             self.tell(f'scans left out: {fault}')
         self._tell_of_nothing()
 
     def _none_placed(self) -> str:
         """Say why no scan could be placed: each reason, how often, and the first fault."""
-        assert self.placer.mounts is not None
         line = f'{self.bag.path}: none of {self.topics.n_scans} scans could be placed'
         for reason, count in self.placer.dropped.most_common():
             line += f'; {reason} {count}: {DROP_REASONS[reason]}'
-        faults = [*self.placer.mounts.faults.values(), self.first_fault]
+        faults = [*self._mounts.faults.values(), self.first_fault]
         if fault := next(filter(None, faults), ''):
             return f'{line}; the first fault: {fault}'
         return (
@@ -189,10 +188,9 @@ class PlacedScans:
 
     def sensor_mounts(self) -> dict[str, MountFound]:
         """Return where each sensor sits, as `mounts` holds it, without reading the scans."""
-        assert self.placer.mounts is not None
         for frame, stamp_ns in self.topics.sensors:
             with contextlib.suppress(Waiting, Unplaceable):
-                self.placer.mounts.at(frame, stamp_ns, 0.0)
+                self._mounts.at(frame, stamp_ns, 0.0)
         return self.mounts
 
     def _scan(self, record: BagRecord) -> Scan:

@@ -41,6 +41,7 @@ MAGIC = {
 }
 # gzip, bzip2, zip, xz, 7z: what people pack recordings with.
 PACKED = (b'\x1f\x8b', b'BZh', b'PK\x03\x04', b'\xfd7zXZ', b'7z\xbc\xaf')
+LOG = 'it is a text: of a CARMEN log `import-carmen` makes a bag'
 SUFFIXES = ('.mcap', '.db3', '.bag', '.zstd')
 
 # Real metadata of thousands of files and topics stays far below.
@@ -65,6 +66,10 @@ def kind_of(path: Path) -> str:
     what = 'it is empty' if not start else 'its first bytes are of none of them'
     if start.startswith(PACKED):
         what = 'it is a packed archive, to be unpacked first'
+        if path.name.endswith('.log.gz'):
+            what = LOG
+    elif start.strip() and start.isascii() and start.split()[0].decode().isprintable():
+        what = LOG
     if path.name == 'metadata.yaml':
         raise BagError(f'{path}: expected the folder that it is in, {path.parent}')
     raise BagError(f'{path}: {what}: expected an mcap, sqlite3 or ROS 1 recording')

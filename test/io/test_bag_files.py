@@ -135,6 +135,22 @@ def test_packed_recordings(tmp_path, pack):
     assert 'a packed archive, to be unpacked first: expected an mcap' in refusal(path)
 
 
+@pytest.mark.parametrize(
+    ('content', 'name', 'told'),
+    [
+        (b'# CARMEN Logfile\n', 'a.log', 'import-carmen'),
+        (b'FLASER 180', 'a', 'import-carmen'),
+        (gzip.compress(b'FLASER'), 'a.log.gz', 'import-carmen'),
+        (b'   \n', 'a', 'its first bytes are of none'),
+        (bytes(20), 'a', 'its first bytes are of none'),
+    ],
+)
+def test_logs_are_told_from_rubbish(tmp_path, content, name, told):
+    path = tmp_path / name
+    path.write_bytes(content)
+    assert told in refusal(path)
+
+
 def test_recordings_that_were_not_closed(write_bag, recording):
     file = stored(write_bag(recording, name='cut'))
     file.write_bytes(file.read_bytes()[:-200])
