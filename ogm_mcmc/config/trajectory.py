@@ -43,6 +43,14 @@ class TrajectoryConfig:
         'take it that a localizer errs alike from one scan to the next: this is what holds poses '
         'where scans have few beams',
     )
+    correlation: float = setting(
+        -1.0,
+        'how alike errors of the localizer are from one scan to the next, 0 (each by itself) to '
+        '0.9999; below 0: estimated from the poses. Where they are alike, many scans know no '
+        'better than few where the map lies as a whole',
+        low=-1.0,
+        high=0.9999,
+    )
     odometry: bool = setting(
         True,
         'use odometry for how the robot went from scan to scan, where there is any beside the '

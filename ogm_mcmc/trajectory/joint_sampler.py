@@ -13,8 +13,9 @@ map    sweeps of `CellModel` at the present poses ([gibbs] Eq. 3: exact conditio
 poses  the trajectory is cut into stretches of one length, from a random offset. Each is moved
        rigidly, turned about the mean of its positions, by a draw that is as probable backwards
        (the middle moves along, the Jacobian is 1), and accepted with min(1, p' / p). Given the
-       map, stretches are independent but for measured moves from one to the next: where there are
-       any, only every other one is moved, so each ratio is that of one stretch alone.
+       map, stretches are independent but for measured moves from one to the next, and errors that
+       are alike from one scan to the next: where there are any, only every other one is moved, so
+       each ratio is that of one stretch alone.
 shares clutter and missing, each on a ladder of values: one step up or down, as probable backwards
        (at the ends it stays), accepted with min(1, p' / p): a Beta prior times the likelihood of
        all beams. With a ladder only; else they are given.
@@ -136,10 +137,10 @@ class JointState(NamedTuple):
 class JointPosterior:
     """Maps and poses of K scans; `box` are the lattice cells that a map has.
 
-    `order` (K,): the scans in the order they were taken; measured moves lead from one to the next
-    of it. `ladder`: clutter and missing returns of the sensor are drawn as well. Raises
-    WindowError where the box does not hold the rays from the believed poses, ConfigError for
-    moves between scans that are no neighbours.
+    `order` (K,): the scans in the order they were taken; measured moves, and errors that are
+    alike, lead from one to the next of it. `ladder`: clutter and missing returns of the sensor are
+    drawn as well. Raises WindowError where the box does not hold the rays from the believed poses,
+    ConfigError for moves between scans that are no neighbours.
     """
 
     def __init__(
@@ -162,7 +163,8 @@ class JointPosterior:
         count = len(self.scans)
         self.place = np.empty(count, np.int64)  # in the order
         self.place[np.arange(count) if order is None else order] = np.arange(count)
-        apart = np.abs(self.place[factors.moves.first] - self.place[factors.moves.second])
+        first, second = factors.neighbours
+        apart = np.abs(self.place[first] - self.place[second])
         neighbours = bool((apart == 1).all())
         require(neighbours, 'moves', apart.max(initial=0), 'expected from each scan to the next')
         self.spec = GridSpec(window.resolution, 1, 1).windowed(box)
@@ -278,7 +280,7 @@ class JointPosterior:
         length = self.proposal.length(rng)
         stretch = (self.place + int(rng.integers(length))) // length
         moving = np.ones(len(self.scans), np.bool_)
-        if self.factors.moves.first.size:
+        if self.factors.neighbours[0].size:
             moving = stretch % 2 == int(rng.integers(2))
         proposed = self.proposal.moved(rng, state.poses, stretch)
         proposed[~moving] = state.poses[~moving]
@@ -320,8 +322,8 @@ class JointPosterior:
         gain = likelihoods - state.log_likelihoods
         gain += self.factors.of_beliefs(proposed) - self.factors.of_beliefs(state.poses)
         ratio = np.bincount(stretch, np.where(moving, gain, 0.0))
-        first, second = self.factors.moves.first, self.factors.moves.second
-        between = self.factors.of_moves(proposed) - self.factors.of_moves(state.poses)
+        first, second = self.factors.neighbours
+        between = self.factors.between(proposed) - self.factors.between(state.poses)
         owner = np.where(moving[first], stretch[first], stretch[second])
         np.add.at(ratio, owner, between)
         return np.asarray(ratio, np.float64)

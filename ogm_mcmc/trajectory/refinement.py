@@ -13,6 +13,7 @@ from ogm_mcmc.arrays import AnyArray, Float64Array, Int64Array
 from ogm_mcmc.config import TrajectoryConfig
 from ogm_mcmc.errors import WindowError
 from ogm_mcmc.geometry import Pose2D, PoseBelief, Scan
+from ogm_mcmc.trajectory.alike import Alike
 from ogm_mcmc.trajectory.correlative import LookUp, look_up_in_turn, recheck, relocate
 from ogm_mcmc.trajectory.curvature import drawn_deviation, held_share, widening
 from ogm_mcmc.trajectory.factors import PoseFactors
@@ -98,6 +99,9 @@ class TrajectoryRefinement:
         if self.config.steps:
             own = Moves.of_localizer(factors.mean, self.order)
             factors = factors._replace(moves=own.and_those(factors.moves))
+        if self.config.correlation:
+            told = max(self.config.correlation, 0.0)  # below 0: to be learned
+            factors = factors._replace(alike=Alike.in_order(self.order, told))
         self._said = self.factors = factors
         self.move_scales = np.ones(factors.moves.n_sources)
         self.poses = self.factors.mean.copy()
@@ -173,12 +177,15 @@ class TrajectoryRefinement:
             self.poses, self._system = align(self.points, before, self.factors, stage)
             if self.config.rescale:
                 self.factors = self._rescaled(self._system, stage)
+            if self.config.correlation < 0.0 and stage.side_m <= RESCALED_FROM_M:
+                self.factors = self.factors.correlated(self.poses, self._system.blocks)
             yield self._progress('aligned', stage.side_m, self.poses - before)
 
     def _rescaled(self, system: SurfelSystem, stage: Stage) -> PoseFactors:
         """Return the factors, beliefs and moves as sure as poses show them to be."""
         said, factors = self._said, self.factors
         if stage.side_m <= RESCALED_FROM_M:
+            said = said._replace(alike=factors.alike)
             factors = said.doubted(said.doubt(self.poses, system.blocks, factors))
         if self.move_scales.size:
             blocks = system.blocks + factors.precision
@@ -239,6 +246,11 @@ class TrajectoryRefinement:
         spread = math.sqrt(self._system.variance)
         half = 1.96 * spread * 0.5 * self._system.doubt
         return max(spread - half, 0.0), spread, spread + half
+
+    @property
+    def correlation(self) -> Float64Array:
+        """How alike errors of beliefs are from scan to scan (3,), place, place, heading."""
+        return self.factors.alike.correlation
 
     @property
     def belief_scale(self) -> float:

@@ -203,11 +203,24 @@ def solve(
 ) -> Float64Array:
     """Return x (K, 3) with (precision of system and factors) x = right, by conjugate gradients.
 
-    The blocks of the scans are the preconditioner; at most so many rounds.
+    The blocks of the scans are the preconditioner, with moves of all scans as one where errors of
+    beliefs are alike: little holds those then. At most so many rounds.
     """
     inverse = np.linalg.inv(system.blocks + at.blocks)
+    rigid = at.rigid
+    stiff = [system.times(mode) + factors.times(at, mode) for mode in rigid]
+    soft = np.linalg.inv(np.einsum('akj,bkj->ab', rigid, np.array(stiff))) if stiff else None
+
+    def preconditioned(left: Float64Array) -> Float64Array:
+        scaled: Float64Array = np.einsum('kij,kj->ki', inverse, left)
+        if soft is None:
+            return scaled
+        together = soft @ np.einsum('akj,kj->a', rigid, left)
+        scaled += np.einsum('a,akj->kj', together, rigid)
+        return scaled
+
     x, left = np.zeros_like(right), right.copy()
-    scaled = np.einsum('kij,kj->ki', inverse, left)
+    scaled = preconditioned(left)
     along = scaled.copy()
     size = first = float((left * scaled).sum())
     for _ in range(most):
@@ -217,7 +230,7 @@ def solve(
         length = size / float((along * product).sum())
         x += length * along
         left -= length * product
-        scaled = np.einsum('kij,kj->ki', inverse, left)
+        scaled = preconditioned(left)
         before, size = size, float((left * scaled).sum())
         along = scaled + size / before * along
     return x

@@ -6,14 +6,15 @@ import numpy as np
 import pytest
 
 from ogm_mcmc.geometry import Pose2D, PoseBelief, PoseSamples
+from ogm_mcmc.trajectory.alike import Alike
 from ogm_mcmc.trajectory.factors import PoseFactors
 from ogm_mcmc.trajectory.moves import Moves, relative_poses
 
 COUNT, STEP = 4, 1e-6
 
 
-@pytest.fixture
-def factors() -> PoseFactors:
+@pytest.fixture(params=['independent', 'alike'])
+def factors(request: pytest.FixtureRequest) -> PoseFactors:
     rng = np.random.default_rng(3)
     root = rng.normal(size=(COUNT, 3, 3))
     beliefs = [
@@ -22,7 +23,11 @@ def factors() -> PoseFactors:
     ]
     odometry = rng.normal(size=(COUNT, 3))
     moves = Moves.of_odometry(odometry, np.array([0, 2, 1, 3]), share=0.1, least=(0.3, 0.2, 0.1))
-    return PoseFactors.of(beliefs, (1.0, 1.0, 1.0), moves)
+    found = PoseFactors.of(beliefs, (1.0, 1.0, 1.0), moves)
+    if request.param == 'independent':
+        return found
+    alike = Alike(np.array([0, 2]), np.array([2, 1]), np.array([0.9, 0.9, 0.5]), 0.1)
+    return found._replace(alike=alike)
 
 
 def dense(times: object) -> np.ndarray:

@@ -11,6 +11,7 @@ from ogm_mcmc.config import ChainConfig, ForwardModelConfig, WindowConfig
 from ogm_mcmc.errors import ConfigError, WindowError
 from ogm_mcmc.geometry import CellBox, Pose2D, PoseBelief, Scan
 from ogm_mcmc.sensors.forward_model import ForwardModel
+from ogm_mcmc.trajectory.alike import Alike
 from ogm_mcmc.trajectory.factors import PoseFactors
 from ogm_mcmc.trajectory.joint_sampler import (
     JointPosterior,
@@ -61,7 +62,7 @@ def scan(reading: float) -> Scan:
     )
 
 
-def factors(*, with_move: bool) -> PoseFactors:
+def factors(*, with_move: bool, alike: bool = False) -> PoseFactors:
     beliefs = [
         PoseBelief(Pose2D(0.1, 0.1), np.diag([0.02, 0.01, 0.01])),
         PoseBelief(Pose2D(0.25, 0.1), np.diag([0.01, 0.01, 0.01])),
@@ -72,13 +73,18 @@ def factors(*, with_move: bool) -> PoseFactors:
             np.array([0]), np.array([1]), np.array([(0.1, 0.0, 0.0)]),
             np.diag([60.0, 1.0, 1.0])[None], np.array([0]), 2.0,
         )  # fmt: skip
-    return PoseFactors.of(beliefs, (1.0, 1.0, 1.0), moves)
+    found = PoseFactors.of(beliefs, (1.0, 1.0, 1.0), moves)
+    if not alike:
+        return found
+    return found._replace(alike=Alike(np.array([0]), np.array([1]), np.full(3, 0.8), 0.05))
 
 
-def posterior(*, with_move: bool, ladder: ShareLadder | None = None) -> JointPosterior:
+def posterior(
+    *, with_move: bool, alike: bool = False, ladder: ShareLadder | None = None
+) -> JointPosterior:
     return JointPosterior(
         [scan(reading) for reading in READINGS],
-        factors(with_move=with_move),
+        factors(with_move=with_move, alike=alike),
         BOX,
         window=WINDOW,
         model=MODEL,
@@ -112,9 +118,17 @@ def enumerated(known: PoseFactors) -> dict[tuple[tuple[int, ...], tuple[int, int
     return {state: weight / total for state, weight in weights.items()}
 
 
-@pytest.mark.parametrize('with_move', [False, True])
-def test_chains_visit_maps_and_poses_as_often_as_they_are_probable(with_move: bool) -> None:
-    model, rng = posterior(with_move=with_move), np.random.default_rng(1)
+NEIGHBOURS = pytest.mark.parametrize(
+    ('with_move', 'alike'), [(False, False), (True, False), (False, True)]
+)
+
+
+@NEIGHBOURS
+def test_chains_visit_maps_and_poses_as_often_as_they_are_probable(
+    with_move: bool, alike: bool
+) -> None:
+    model = posterior(with_move=with_move, alike=alike)
+    rng = np.random.default_rng(1)
     exact = enumerated(model.factors)
     poses = np.array([(PLACES[0], 0.1, 0.0), (PLACES[1], 0.1, 0.0)])
     state = model.start(np.zeros(WIDTH * HEIGHT, np.uint8), poses)
@@ -132,9 +146,12 @@ def test_chains_visit_maps_and_poses_as_often_as_they_are_probable(with_move: bo
     np.testing.assert_allclose(cells / rounds, expected_cells, atol=0.06)
 
 
-@pytest.mark.parametrize('with_move', [False, True])
-def test_ratios_of_moves_are_those_of_the_enumerated_posterior(with_move: bool) -> None:
-    model, rng = posterior(with_move=with_move), np.random.default_rng(2)
+@NEIGHBOURS
+def test_ratios_of_moves_are_those_of_the_enumerated_posterior(
+    with_move: bool, alike: bool
+) -> None:
+    model = posterior(with_move=with_move, alike=alike)
+    rng = np.random.default_rng(2)
     exact = enumerated(model.factors)
     states = list(exact)
     for k in rng.choice(len(states), 40):

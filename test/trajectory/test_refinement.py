@@ -72,7 +72,8 @@ def test_a_shy_localizer_is_believed_more_than_it_says() -> None:
     placed = list(zip(SCANS, beliefs, strict=True))
     said = np.linalg.inv(16.0 * SPREAD + np.diag(np.square([1e-3, 1e-3, 1e-4])))
     for rescale in (True, False):
-        one = TrajectoryRefinement(placed, TrajectoryConfig(draws=2, rescale=rescale))
+        config = TrajectoryConfig(draws=2, rescale=rescale, correlation=0.0)
+        one = TrajectoryRefinement(placed, config)
         for _ in one.run():
             pass
         # Ten beliefs speak against ten more that are taken to be as sure as they say.
@@ -129,3 +130,23 @@ def test_wheels_that_slip_do_not_bend_the_trajectory() -> None:
         found.append(absolute_errors(one.poses, TRUTH))
     assert found[1].distance_m.max() < found[0].distance_m.max() + 0.002
     assert found[1].turn_rad.max() < found[0].turn_rad.max() + 0.001
+
+
+def test_drift_is_learned_and_widens_what_is_said_of_the_whole_map() -> None:
+    """Beliefs that are off by the same shift: it stays, and intervals say that it may."""
+    truth = path_through(24)
+    start = truth + (0.05, 0.04, 0.0) + 1e-4 * np.random.default_rng(4).normal(size=truth.shape)
+    beliefs = [PoseBelief(pose, SPREAD) for pose in poses_of(start)]
+    placed = list(zip(scans_of(truth, 48, 0.01), beliefs, strict=True))
+    spreads = {}
+    for correlation in (0.0, -1.0):
+        one = TrajectoryRefinement(placed, TrajectoryConfig(draws=10, correlation=correlation))
+        for _ in one.run():
+            pass
+        off = np.abs(one.poses - truth)
+        spreads[correlation] = np.sqrt([np.diag(belief.covariance) for belief in one.beliefs()])
+        inside = (off < 1.96 * spreads[correlation])[:, :2].mean()
+        assert inside > 0.9 if correlation else inside < 0.3
+    assert (one.correlation > 0.8).all()
+    assert (spreads[-1.0][:, :2] > 0.03).all()
+    assert (spreads[0.0][:, :2] < 0.02).all()
