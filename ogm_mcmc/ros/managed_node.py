@@ -4,8 +4,8 @@
          ^---------cleanup---------|  ^-----deactivate-----|
 
 With `autostart` (the default) a node takes itself to `active`, so that `ros2 run` is enough.
-Without it, it waits for `~/change_state`: Nav2's lifecycle manager, `ros2 lifecycle set`.
-bondpy is not used: give the lifecycle manager `bond_timeout: 0.0`.
+Without it, it waits for `~/change_state`: Nav2's lifecycle manager, `ros2 lifecycle set`, and is
+bonded while it is active, where the messages of bond are installed.
 
 Kernels are compiled in a thread from configure on. Services answer meanwhile; scans are
 subscribed to as soon as the node is active and the kernels are there.
@@ -29,6 +29,7 @@ from rclpy.timer import Timer
 
 from ogm_mcmc.config.nodes import ManagedConfig
 from ogm_mcmc.errors import OgmError
+from ogm_mcmc.ros.bond import Bond
 from ogm_mcmc.ros.parameters import ParameterSet
 
 __all__ = ['ManagedNode']
@@ -67,6 +68,7 @@ class ManagedNode(LifecycleNode):
         self._failure: OgmError | None = None
         self._starting = False  # by itself, until it works or somebody asks for a state
         self._warming: _Warming | None = None
+        self._bond = Bond(self)
         # rclpy raises, and the node ends, when somebody asks for a transition that does not fit.
         self._change_state = self._service_change_state.callback
         self._service_change_state.callback = self._on_change_state
@@ -117,6 +119,7 @@ class ManagedNode(LifecycleNode):
 
     def destroy_node(self) -> None:
         """Leave the ROS graph: rclpy destroys all but the state machine, which holds the node."""
+        self._bond.end()
         super().destroy_node()
         # Not by `destroy_when_not_in_use`: one that is asked for its state after that crashes.
         self.__dict__.pop('_state_machine', None)
@@ -145,6 +148,8 @@ class ManagedNode(LifecycleNode):
         except OgmError as error:
             self._not_activated(error)
             return FAILURE
+        if not self.parameters.read(ManagedConfig).autostart:
+            self._bond.begin()
         return SUCCESS
 
     def _not_activated(self, error: OgmError) -> None:
@@ -191,6 +196,7 @@ class ManagedNode(LifecycleNode):
             self._starting = False
 
     def _end(self) -> None:
+        self._bond.end()
         if self.working:
             self.working = False
             self.end()
