@@ -11,6 +11,7 @@ import threading
 import uuid
 from typing import Any
 
+from rclpy.duration import Duration
 from rclpy.node import Node
 
 __all__ = ['Bond']
@@ -22,6 +23,9 @@ PERIOD_S = 0.25
 TIMEOUT_S = 4.0
 
 DEPTH = 5
+
+# The last word would go with its sender; it is waited for so long.
+LAST_WORD_S = 0.5
 
 
 class Bond:
@@ -63,6 +67,8 @@ class Bond:
             self._done.wait(PERIOD_S)
         status.active = False
         self._say(status)
+        if self.node.context.ok():
+            self._publisher.wait_for_all_acked(Duration(nanoseconds=round(LAST_WORD_S * 1e9)))
 
     def _say(self, status: Any) -> None:
         if self.node.context.ok():

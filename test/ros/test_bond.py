@@ -41,6 +41,9 @@ class Node:
     def destroy_publisher(self, publisher):
         self.topics.remove('bond')
 
+    def wait_for_all_acked(self, limit):
+        assert not self.said[-1][0]
+
     def publish(self, message):
         assert (message.id, message.header.stamp) == ('mapper', 'now')
         self.said.append((message.active, message.instance_id))
