@@ -19,9 +19,9 @@ from abc import abstractmethod
 from collections.abc import Callable, Iterable
 from typing import Any
 
+from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.msg import SetParametersResult
-from rclpy._rclpy_pybind11 import RCLError
 from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
@@ -180,13 +180,23 @@ class ManagedNode(LifecycleNode):
     def _on_change_state(
         self, request: ChangeState.Request, response: ChangeState.Response
     ) -> ChangeState.Response:
-        try:
-            return self._change_state(request, response)
-        except RCLError as error:
-            asked = request.transition.label or request.transition.id
-            self.get_logger().warning(f'transition {asked} does not fit: {error}')
+        misfit = self._misfit(request.transition)
+        if misfit:
+            self.get_logger().warning(misfit)
             response.success = False
             return response
+        return self._change_state(request, response)
+
+    def _misfit(self, asked: Transition) -> str:
+        """Return why a transition cannot be made now; empty if it can."""
+        there = {label: n for n, label, *_ in self._state_machine.available_transitions}
+        if asked.label in there or (not asked.label and asked.id in there.values()):
+            return ''
+        expected = ', '.join(f'{label} ({n})' for label, n in there.items()) or 'none'
+        return (
+            f'~/change_state: no transition {asked.label or asked.id} from '
+            f'{self._state_machine.current_state[1]}: expected {expected}'
+        )
 
     def _begin_if_ready(self) -> None:
         if self.active and not self.working and self._warming is None:

@@ -290,6 +290,22 @@ def test_refine_says_that_kernels_are_compiled_first(monkeypatch):
     assert answer.message.endswith('scans are taken after that')
 
 
+def test_a_transition_that_does_not_fit_is_refused_with_those_that_do():
+    with local_node(Small, ready=False, parameter_overrides=managed()) as node:
+        node.kernels.set()
+        for asked, expected in (
+            (Transition(id=Transition.TRANSITION_ACTIVATE), 'no transition 3 from unconfigured'),
+            (Transition(label='fly'), 'no transition fly from unconfigured'),
+        ):
+            request = ChangeState.Request(transition=asked)
+            assert not node._on_change_state(request, ChangeState.Response()).success
+            (said,) = node.logs.of('warning')
+            assert said == f'~/change_state: {expected}: expected configure (1), shutdown (5)'
+            node.logs.said.clear()
+        request = ChangeState.Request(transition=Transition(label='configure'))
+        assert node._on_change_state(request, ChangeState.Response()).success
+
+
 def test_what_the_active_node_made_is_gone_when_it_is_not():
     with local_node(Small, ready=False, parameter_overrides=managed()) as node:
         node.kernels.set()
