@@ -5,6 +5,7 @@ Every message names the thing, the offending value and what was expected. The li
 """
 
 import os
+from collections.abc import Sequence
 
 __all__ = [
     'BagError',
@@ -21,11 +22,16 @@ __all__ = [
     'ScanError',
     'WindowError',
     'is_plain_name',
+    'listed',
     'require',
 ]
 
 # Bytes; a file name may have 255, and endings such as _trajectory_deviations.csv come on top.
 LONGEST_NAME = 200
+
+
+# So many names are told of many.
+MOST_LISTED = 20
 
 
 class OgmError(Exception):
@@ -90,3 +96,10 @@ def is_plain_name(name: str) -> bool:
     """Whether a name is that of a file, not of a path, not hidden, printable and short enough."""
     plain = name.isprintable() and not name.startswith('.') and not {'/', '\\'} & set(name)
     return bool(name) and plain and len(os.fsencode(name)) <= LONGEST_NAME
+
+
+def listed(names: Sequence[str], separator: str = ', ') -> str:
+    """Return names for a message, the first of them where there are very many."""
+    shown = separator.join(names[:MOST_LISTED])
+    left = len(names) - MOST_LISTED
+    return f'{shown}{separator}and {left} more' if left > 0 else shown

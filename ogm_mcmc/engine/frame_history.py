@@ -52,6 +52,10 @@ class FrameHistory:
         self._values = array('d')
         self._parents: list[str] = []
 
+    def __len__(self) -> int:
+        """Return the number of entries."""
+        return len(self.stamps)
+
     def add(self, entry: StampedTransform) -> None:
         """Take an entry in its place; one with a stamp that is there replaces that."""
         values = array('d', (*entry.transform.translation, *entry.transform.quaternion))

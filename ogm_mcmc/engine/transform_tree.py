@@ -27,7 +27,7 @@ import numpy as np
 
 from ogm_mcmc.arrays import Int64Array
 from ogm_mcmc.engine.frame_history import Around, FrameHistory
-from ogm_mcmc.errors import PoseError
+from ogm_mcmc.errors import PoseError, listed
 from ogm_mcmc.geometry.rigid_transform import RigidTransform, StampedTransform
 
 __all__ = ['Edge', 'TransformError', 'TransformTree', 'along']
@@ -39,6 +39,9 @@ RESTART_NS = NS_PER_S
 
 # No robot has more; a sender that makes up frames must not fill the memory.
 MAX_LIVE_FRAMES = 5000
+
+# 60 MB of them; 30 s of a robot that sends 10 000 a second are fewer.
+MAX_LIVE_ENTRIES = 400_000
 
 # Up to here what never moves is known.
 LATEST_NS = 2**63 - 1
@@ -75,6 +78,7 @@ class TransformTree:
         self.keep_ns = None if keep_s is None else round(keep_s * NS_PER_S)
         self._frames: dict[str, FrameHistory] = {}  # by child
         self._names: set[str] = set()
+        self._n_entries = 0
 
     # -- entries in -------------------------------------------------------------------------
 
@@ -99,8 +103,19 @@ class TransformTree:
         self._names |= {entry.parent, entry.child}
         if history is None or history.static != static:
             # The newest kind counts, as in tf2.
+            self._n_entries -= 0 if history is None else len(history)
             history = self._frames[entry.child] = FrameHistory(static)
-        if static:
+        before = len(history)
+        taken = self._add_to(history, entry, arrival_ns)
+        self._n_entries += len(history) - before
+        if self.keep_ns is not None:
+            self._bound()
+        return taken
+
+    def _add_to(
+        self, history: FrameHistory, entry: StampedTransform, arrival_ns: int | None
+    ) -> bool:
+        if history.static:
             history.add_static(entry, arrival_ns)
             return True
         if self.keep_ns is None:
@@ -112,6 +127,20 @@ class TransformTree:
         history.add(entry)
         history.keep_from(newest_ns - self.keep_ns)
         return True
+
+    def _bound(self) -> None:
+        """Forget half of the longest history, and parents of before, where there are too many."""
+        if self._n_entries > MAX_LIVE_ENTRIES:
+            longest = max(self._frames.values(), key=len)
+            forgotten = len(longest) // 2
+            longest.drop_first(forgotten)
+            self._n_entries -= forgotten
+        if len(self._names) > 2 * MAX_LIVE_FRAMES:
+            self._name_anew()
+
+    def _name_anew(self) -> None:
+        self._names = set(self._frames)
+        self._names |= {history.latest_parent() for history in self._frames.values()}
 
     def restart(self, stamp_ns: int) -> None:
         """Forget what moves if any of it lies ahead of a stamp: time started again there.
@@ -125,10 +154,10 @@ class TransformTree:
     def clear(self) -> None:
         """Forget everything but the newest static transforms."""
         self._frames = {child: h for child, h in self._frames.items() if h.static}
-        self._names = set(self._frames)
         for history in self._frames.values():
-            history.drop_first(len(history.stamps) - 1)
-            self._names.add(history.latest_parent())
+            history.drop_first(len(history) - 1)
+        self._n_entries = len(self._frames)
+        self._name_anew()
 
     # -- transforms out ---------------------------------------------------------------------
 
@@ -271,7 +300,7 @@ class TransformTree:
     def __str__(self) -> str:
         """Return the trees on one line: `map > odom > base_link; world > camera`."""
         branches = [' > '.join(reversed(chain)) for chain in self._branches()]
-        return '; '.join(branches) or 'nothing'
+        return listed(branches, '; ') or 'nothing'
 
     def _branches(self) -> Iterator[list[str]]:
         parents = {history.latest_parent() for history in self._frames.values()}
@@ -282,7 +311,7 @@ class TransformTree:
     def _require_known(self, *frames: str) -> None:
         for frame in frames:
             if frame not in self._names:
-                held = ', '.join(self.frames()) or 'none'
+                held = listed(self.frames()) or 'none'
                 raise TransformError('unknown', f'frame {frame!r} is not there; known: {held}')
 
     def _unconnected(self, target: str, source: str) -> TransformError:

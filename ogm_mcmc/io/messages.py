@@ -29,6 +29,7 @@ __all__ = [
     'fill_grid_update',
     'fill_pose',
     'frame_of',
+    'plain_frame',
     'read_particles',
     'read_path',
     'read_places',
@@ -43,6 +44,9 @@ NS_PER_S = 1_000_000_000
 
 # Smaller negative eigenvalues are rounding of the sender, m^2 or rad^2.
 COVARIANCE_SLACK = 1e-9
+
+# A name of ROS has at most 255 characters.
+MOST_NAME = 255
 
 # No robot is further from the origin of its map.
 FURTHEST_M = 1e6
@@ -67,7 +71,15 @@ def time_parts(stamp_ns: int) -> tuple[int, int]:
 
 def frame_of(msg: Any) -> str:
     """Frame id without the leading slash of ROS 1."""
-    return str(msg.header.frame_id).lstrip('/')
+    return plain_frame(msg.header.frame_id)
+
+
+def plain_frame(name: Any) -> str:
+    """Name of a frame without the leading slash of ROS 1, and no longer than any frame's is.
+
+    A longer one would fill logs, diagnostics and memory.
+    """
+    return str(name).lstrip('/')[:MOST_NAME]
 
 
 def read_scan(msg: Any, remark: Remark = say_nothing) -> Scan:

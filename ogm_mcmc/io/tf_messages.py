@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from ogm_mcmc.errors import PoseError
 from ogm_mcmc.geometry import SensorMount
 from ogm_mcmc.geometry.rigid_transform import RigidTransform, StampedTransform
-from ogm_mcmc.io.messages import frame_of, stamp_of, time_parts
+from ogm_mcmc.io.messages import frame_of, plain_frame, stamp_of, time_parts
 
 __all__ = [
     'TF_TYPES',
@@ -51,7 +51,7 @@ def read_transforms(msg: Any) -> TfEntries:
 
 def read_transform(one: Any) -> StampedTransform:
     """Read one transform. Raises PoseError that names its frames."""
-    parent, child = frame_of(one), str(one.child_frame_id).lstrip('/')
+    parent, child = frame_of(one), plain_frame(one.child_frame_id)
     move, turn = one.transform.translation, one.transform.rotation
     try:
         if not parent or not child or parent == child:

@@ -8,6 +8,8 @@ from typing import NamedTuple
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 
+from ogm_mcmc.errors import listed
+
 __all__ = ['WELL', 'Health', 'IntakeHealth', 'publishers_of']
 
 # A node that has just started waits; that is worth a line only if it goes on.
@@ -112,12 +114,12 @@ class _Described(NamedTuple):
 
     @property
     def short(self) -> str:
-        who = f' ({", ".join(self.names)})' if self.names else ''
+        who = f' ({listed(self.names)})' if self.names else ''
         return f'{self.topic} has {len(self.names)}{who}'
 
     @property
     def long(self) -> str:
-        who = f' ({", ".join(self.names)})' if self.names else ''
+        who = f' ({listed(self.names)})' if self.names else ''
         plural = '' if len(self.names) == 1 else 's'
         return f'{self.topic} has {len(self.names)} publisher{plural}{who}'
 

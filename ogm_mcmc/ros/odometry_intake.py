@@ -59,7 +59,8 @@ class OdometryIntake:
 
     def on_odometry(self, msg: Any) -> None:
         """Take a pose of the odometry of the base."""
-        problems, frame, child = self.intake.problems, messages.frame_of(msg), _child_of(msg)
+        problems, frame = self.intake.problems, messages.frame_of(msg)
+        child = messages.plain_frame(msg.child_frame_id)
         base = self.intake.mounts.base_frame
         if not is_called_odom(frame):
             problems.warn(
@@ -104,7 +105,3 @@ class OdometryIntake:
     def values(self) -> dict[str, object]:
         """Return what is known, for /diagnostics."""
         return {'scans with odometry': len(self.track)} if self.used else {}
-
-
-def _child_of(msg: Any) -> str:
-    return str(msg.child_frame_id).lstrip('/')

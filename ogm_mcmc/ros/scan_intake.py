@@ -215,7 +215,7 @@ class ScanIntake:
         self.watch.pose_came()
         frame = messages.frame_of(msg)
         if self.settings.pose_source == 'odom' and not self._pose_frame:
-            self._follow_odometry(frame, str(msg.child_frame_id).lstrip('/'))
+            self._follow_odometry(frame, messages.plain_frame(msg.child_frame_id))
         if frame != self.settings.map_frame:
             expected = self.settings.map_frame
             self.problems.warn(

@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.strategies import REPEATABLE
 
+from ogm_mcmc.engine import transform_tree
 from ogm_mcmc.engine.transform_tree import TransformError, TransformTree
 from ogm_mcmc.errors import PoseError
 from ogm_mcmc.geometry import Pose2D
@@ -299,3 +300,30 @@ def test_against_a_naive_twin(entries, target, source, stamp):
 def assert_same(pose, other):
     assert (pose.x_m, pose.y_m) == approx((other.x_m, other.y_m), abs=1e-9)
     assert math.remainder(pose.yaw_rad - other.yaw_rad, 2 * math.pi) == approx(0.0, abs=1e-9)
+
+
+def test_a_sender_that_makes_up_names_does_not_fill_the_memory(monkeypatch):
+    """One child under ever new parents, stamps ever closer, a mount corrected again and again."""
+    monkeypatch.setattr(transform_tree, 'MAX_LIVE_FRAMES', 10)
+    monkeypatch.setattr(transform_tree, 'MAX_LIVE_ENTRIES', 100)
+    tree = TransformTree(keep_s=30.0)
+    for k in range(1000):
+        tree.add(entry(f'parent {k}', 'laser', 1.0 + 0.001 * k))
+        tree.add(entry('base', 'mast', 1.0, x=float(k)), static=True)
+        tree.add(entry('map', 'base', 1.0 + 0.001 * k))
+        assert len(tree.frames()) <= 21
+        held = sum(len(history) for history in tree._frames.values())
+        assert held == tree._n_entries <= 100
+    assert {'parent 999', 'laser', 'base', 'mast', 'map'} <= set(tree.frames())
+    assert planar(tree, 'map', 'mast', 1.99) == pytest.approx((999.0, 0.0, 0.0))
+    tree.clear()
+    assert tree._n_entries == 1
+
+
+def test_errors_name_some_of_very_many_frames():
+    tree = tree_of(*(entry('map', f'robot {k}', 0.0) for k in range(1000)))
+    with pytest.raises(TransformError) as raised:
+        tree.lookup('map', 'laser', 0)
+    assert str(raised.value).endswith('and 981 more')
+    assert len(str(raised.value)) < 400
+    assert str(tree).endswith('; and 980 more')

@@ -15,6 +15,7 @@ from ogm_mcmc.io.messages import (
     fill_grid_header,
     fill_grid_update,
     frame_of,
+    plain_frame,
     read_particles,
     read_path,
     read_pose,
@@ -393,3 +394,9 @@ def test_a_path_that_corrects_nothing(stamps, x, reason):
     message = ros_types.path(9, 'map', stamps, [Pose2D(x)] * len(stamps))
     with pytest.raises(PoseError, match=reason):
         read_path(message)
+
+
+def test_no_frame_has_a_name_that_fills_logs_and_memory():
+    msg = SimpleNamespace(header=SimpleNamespace(frame_id='/' + 10_000_000 * 'x'))
+    assert frame_of(msg) == 255 * 'x'
+    assert plain_frame('/odom') == 'odom'
