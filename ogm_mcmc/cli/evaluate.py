@@ -60,8 +60,7 @@ from ogm_mcmc.config import (
 from ogm_mcmc.config.nodes import REFINE_CONFIGS, RefineSamplerConfig
 from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.files.output_files import checked_name
-from ogm_mcmc.geometry import GridMap
-from ogm_mcmc.io.map_files import load_grid
+from ogm_mcmc.io.map_files import JudgedMap, load_judged
 
 __all__ = ['add_to']
 
@@ -157,8 +156,9 @@ def run(options: argparse.Namespace) -> int:
     if asks_for_poses(options):
         answers['poses'] = by_trajectory(options)
     if of_map:
-        grid_map = load_grid(options.map, options.max_cells)
-        answers.update(_answers(options, grid_map, config))
+        fills = 'unknown' not in given(options, EvaluationConfig)
+        judged = load_judged(options.map, options.max_cells, filled=fills)
+        answers.update(_answers(options, judged, config))
     if options.path is not None:
         who = build(CollisionConfig, given(options, CollisionConfig))
         answers['path'] = along_path(options, who, config.unknown)
@@ -196,7 +196,7 @@ def _check_samples(options: argparse.Namespace) -> None:
 
 
 def _answers(
-    options: argparse.Namespace, grid_map: GridMap, config: EvaluationConfig
+    options: argparse.Namespace, judged: JudgedMap, config: EvaluationConfig
 ) -> dict[str, Answer]:
     """Ask the judges that were named; what is refused is refused before what takes long."""
     read = partial(config_from, options, node='refine_server', node_configs=REFINE_CONFIGS)
@@ -204,17 +204,17 @@ def _answers(
     choice = build(HeldOutConfig, given(options, HeldOutConfig))
     points = build(HeldOutPointsConfig, given(options, HeldOutPointsConfig))
     expected = build(ExpectedScanConfig, given(options, ExpectedScanConfig))
-    pose = None if options.pose is None else pose_inside(read_pose(options.pose), grid_map)
+    pose = None if options.pose is None else pose_inside(read_pose(options.pose), judged.known)
     answers: dict[str, Answer] = {}
     if options.truth is not None:
-        answers['truth'] = against_truth(grid_map, options.truth, config, options.max_cells)
+        answers['truth'] = against_truth(judged, options.truth, config, options.max_cells)
     output_paths(options)  # what cannot be saved is better said before the work than after it
     if options.bag is not None:
         answers['beams'], beams = by_beams(
-            options, grid_map, config.unknown, choice, placing, sampler
+            options, judged, config.unknown, choice, placing, sampler
         )
         if options.points:
-            answers['points'] = by_points(grid_map, beams, config, points)
+            answers['points'] = by_points(judged.filled, beams, config, points)
     if pose is not None:
-        answers['pose'] = from_pose(grid_map, pose, config.unknown, expected, sampler.model)
+        answers['pose'] = from_pose(judged.known, pose, config.unknown, expected, sampler.model)
     return answers

@@ -25,6 +25,7 @@ from ogm_mcmc.evaluation import (
     log_likelihood_of_samples,
 )
 from ogm_mcmc.geometry import GridMap, GridSpec
+from ogm_mcmc.io.map_files import JudgedMap
 from ogm_mcmc.io.sample_files import load_samples
 from ogm_mcmc.plotting import Picture, Series, curves_png, heat_png, probability_png
 
@@ -44,7 +45,7 @@ class Held(NamedTuple):
 
 def by_beams(
     options: argparse.Namespace,
-    grid_map: GridMap,
+    judged: JudgedMap,
     unknown: float,
     choice: HeldOutConfig,
     placing: PlacingConfig,
@@ -56,10 +57,10 @@ def by_beams(
     """
     samples = None if options.samples is None else load_samples(options.samples, options.max_cells)
     model = ForwardModel.from_config(sampler.model)
-    held = read_held_out(options, [grid_map.spec], choice, placing, sampler)
+    held = read_held_out(options, [judged.known.spec], choice, placing, sampler)
     beams = held.beams
     with tqdm(beams.placed, unit=' scans', desc='judge', disable=None) as bar:
-        values = beam_log_likelihood(grid_map, bar, model, prior=unknown)
+        values = beam_log_likelihood(judged.filled, bar, model, prior=unknown)
     figures = {**read_figures(options, held), **beam_figures(beams, values)}
     if samples is not None:
         maps = tqdm(
@@ -72,7 +73,7 @@ def by_beams(
             **_figure(beams, mixture),
             'above_map': _named(beams.mean(mixture - values)),
         }
-    pictures = _pictures(grid_map, beams, values)
+    pictures = _pictures(judged.known, beams, values)
     settings = beam_settings(choice, placing, sampler, held.no_return)
     answer = Answer(figures, _rows(figures), [('Held-out beams', pictures)], settings)
     return answer, beams

@@ -32,8 +32,8 @@ from ogm_mcmc.errors import ConfigError, GridError
 from ogm_mcmc.evaluation import ForwardModel, beam_log_likelihood, compare, held_out_points
 from ogm_mcmc.evaluation.held_out import cells_of_ends
 from ogm_mcmc.files.user_paths import user_path
-from ogm_mcmc.geometry import GridMap, GridSpec
-from ogm_mcmc.io.map_files import load_grid
+from ogm_mcmc.geometry import GridSpec
+from ogm_mcmc.io.map_files import JudgedMap, load_grid
 from ogm_mcmc.plotting import Picture, kinds_png, probability_png
 
 __all__ = ['Compared', 'compared_by_beams', 'compared_by_truth', 'map_pictures', 'named_maps']
@@ -79,26 +79,26 @@ def named_maps(arguments: list[str]) -> dict[str, Path]:
     return maps
 
 
-def map_pictures(maps: Mapping[str, GridMap]) -> list[Picture]:
+def map_pictures(maps: Mapping[str, JudgedMap]) -> list[Picture]:
     """Return every map as it is."""
     return [
         Picture(
             probability_png(one.probability),
             f'{name}: {one.spec.width} x {one.spec.height} cells of {one.spec.resolution_m:g} m',
         )
-        for name, one in maps.items()
+        for name, (one, _) in maps.items()
     ]
 
 
 def compared_by_truth(
-    maps: Mapping[str, GridMap], path: Path, config: EvaluationConfig, most_cells: int
+    maps: Mapping[str, JudgedMap], path: Path, config: EvaluationConfig, most_cells: int
 ) -> Compared:
     """Compare every map with the true one, and where on it one of two is nearer to it."""
     truth = load_grid(path, most_cells)
     of, figures, columns = {}, {}, {}
-    for name, grid_map in maps.items():
+    for name, judged in maps.items():
         try:
-            of[name] = compare(grid_map, truth, config)
+            of[name] = compare(judged.known, truth, config, filled=judged.filled)
         except GridError as error:
             raise GridError(f'{name}: {error}') from error
         figures[name] = dict(of[name].figures)
@@ -134,7 +134,7 @@ def compared_by_truth(
 
 def compared_by_beams(
     options: argparse.Namespace,
-    maps: Mapping[str, GridMap],
+    maps: Mapping[str, JudgedMap],
     config: EvaluationConfig,
     choice: HeldOutConfig,
     point_choice: HeldOutPointsConfig,
@@ -143,12 +143,13 @@ def compared_by_beams(
 ) -> Compared:
     """Judge all maps by the same beams and the same points along them."""
     model = ForwardModel.from_config(sampler.model)
-    specs = [one.spec for one in maps.values()]
+    specs = [one.known.spec for one in maps.values()]
     held = read_held_out(options, specs, choice, placing, sampler)
     beams = held.beams
     points = held_out_points(beams, point_choice.point_step) if options.points else None
     values, scores, figures, columns = {}, {}, {}, {}
-    for name, grid_map in maps.items():
+    for name, judged in maps.items():
+        grid_map = judged.filled
         with tqdm(beams.placed, unit=' scans', desc=f'judge {name}', disable=None) as bar:
             try:
                 values[name] = beam_log_likelihood(grid_map, bar, model, prior=config.unknown)

@@ -27,7 +27,7 @@ from ogm_mcmc.config import (
 )
 from ogm_mcmc.config.nodes import REFINE_CONFIGS, RefineSamplerConfig
 from ogm_mcmc.errors import ConfigError
-from ogm_mcmc.io.map_files import load_grid
+from ogm_mcmc.io.map_files import load_judged
 from ogm_mcmc.plotting import Page
 
 __all__ = ['run_several']
@@ -45,7 +45,10 @@ def run_several(
                 f'--{name.replace("_", "-")} with {len(files)} maps: expected one map, '
                 'or --truth MAP and --beams BAG alone'
             )
-    maps = {name: load_grid(path, options.max_cells) for name, path in files.items()}
+    fills = 'unknown' not in given(options, EvaluationConfig)
+    maps = {
+        name: load_judged(path, options.max_cells, filled=fills) for name, path in files.items()
+    }
     paths = output_paths(options)
     answers = _asked(options, maps, config)
     settings = flatten(config)

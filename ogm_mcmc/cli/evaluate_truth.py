@@ -11,7 +11,7 @@ from ogm_mcmc.cli.evaluate_answer import Answer
 from ogm_mcmc.config import EvaluationConfig
 from ogm_mcmc.evaluation import Comparison, compare
 from ogm_mcmc.geometry import GridMap
-from ogm_mcmc.io.map_files import load_grid
+from ogm_mcmc.io.map_files import JudgedMap, load_grid
 from ogm_mcmc.io.map_images import MOST_CELLS
 from ogm_mcmc.plotting import (
     Picture,
@@ -26,11 +26,11 @@ __all__ = ['against_truth']
 
 
 def against_truth(
-    grid_map: GridMap, path: Path, config: EvaluationConfig, most_cells: int = MOST_CELLS
+    judged: JudgedMap, path: Path, config: EvaluationConfig, most_cells: int = MOST_CELLS
 ) -> Answer:
     """Compare a map with the one of a file."""
     truth = load_grid(path, most_cells)
-    comparison = compare(grid_map, truth, config)
+    comparison = compare(judged.known, truth, config, filled=judged.filled)
     figures = {'truth': str(path), **comparison.figures}
     settings = figures.pop('settings')
     sections = [

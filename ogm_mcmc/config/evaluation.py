@@ -26,7 +26,11 @@ class EvaluationConfig:
     )
     near_cells: int = setting(10, 'columns and rows, with mask near', low=0, high=100_000)
     unknown: float = setting(
-        0.5, 'probability of cells the map never measured (its prior)', low=0.0, high=1.0
+        0.5,
+        'probability of cells the map never measured (its prior); unless it is given, cells of '
+        'sampled maps that data did not move have what the NPZ says of them (posterior_mean)',
+        low=0.0,
+        high=1.0,
     )
     truth_unknown: str = setting(
         'exclude',

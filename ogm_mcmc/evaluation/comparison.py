@@ -27,9 +27,9 @@ SAME_LATTICE = 0.01  # cells
 class Comparison(NamedTuple):
     """Figures, and the arrays they were made of, on the cells of the truth.
 
-    `measured` (H, W) the map, nan where unknown; `probability` (H, W) the same with unknown cells
-    filled in; `occupied` (H, W) the truth; `counted` (H, W) the cells that count; `divergence`
-    (H, W) nats.
+    `measured` (H, W) the map, nan where unknown; `probability` (H, W) what judges it, the same
+    with unknown cells filled in; `occupied` (H, W) the truth; `counted` (H, W) the cells that
+    count; `divergence` (H, W) nats.
     """
 
     figures: dict[str, Any]
@@ -75,11 +75,16 @@ def aligned(grid_map: GridMap, truth: GridMap, *, nearest: bool = False) -> Floa
 
 
 def compare(
-    grid_map: GridMap, truth: GridMap, config: EvaluationConfig | None = None
+    grid_map: GridMap,
+    truth: GridMap,
+    config: EvaluationConfig | None = None,
+    *,
+    filled: GridMap | None = None,
 ) -> Comparison:
     """Compare a map with the truth, whose cells are occupied from a probability of 0.5 on.
 
-    Cells of the truth that the map does not have count as never measured.
+    `filled`: the map with what is said of its unknown cells all the same; the mask is that of
+    `grid_map`. Cells of the truth that neither has count with `config.unknown`.
     """
     config = config or EvaluationConfig()
     measured = aligned(grid_map, truth, nearest=config.nearest)
@@ -90,9 +95,8 @@ def compare(
         raise GridError('no cell counts: expected cells known in the truth and inside the mask')
     filling = 1.0 if config.truth_unknown == 'occupied' else 0.0
     occupied: BoolArray = np.nan_to_num(truth.probability, nan=filling) >= 0.5
-    probability: Float32Array = np.where(
-        np.isfinite(measured), measured, np.float32(config.unknown)
-    )
+    said = measured if filled is None else aligned(filled, truth, nearest=config.nearest)
+    probability: Float32Array = np.where(np.isfinite(said), said, np.float32(config.unknown))
     counts = confusion_counts(probability[counted], occupied[counted])
     bins = reliability(probability[counted], occupied[counted], config.bins)
     # One of the largest arrays there are.

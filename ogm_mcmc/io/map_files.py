@@ -12,15 +12,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import yaml
 from PIL import Image
 
-from ogm_mcmc.arrays import AnyArray, Int8Array
+from ogm_mcmc.arrays import AnyArray, Float32Array, Int8Array
 from ogm_mcmc.errors import MapFileError
-from ogm_mcmc.files.npz_files import NUMBER, Field, read_npz
+from ogm_mcmc.files.npz_files import NUMBER, Field, npz_file
 from ogm_mcmc.files.output_files import checked_name, replacing
 from ogm_mcmc.files.pictures import probability_image
 from ogm_mcmc.geometry import GridMap, GridSpec
@@ -34,7 +34,9 @@ from ogm_mcmc.io.map_images import (
 )
 
 __all__ = [
+    'JudgedMap',
     'load_grid',
+    'load_judged',
     'load_map',
     'load_npz',
     'points_file',
@@ -51,6 +53,20 @@ NPZ_FIELDS = {
     'resolution': NUMBER,
     'origin': Field('fiu', (3,)),
 }
+
+GUESS = 'posterior_mean'
+"""The layer of an NPZ that tells of cells, too, that data did not move."""
+
+
+class JudgedMap(NamedTuple):
+    """A map as a judge reads it.
+
+    `known` has nan where nothing was measured, or data moved nothing; in `filled` these cells
+    have what the file says of them all the same, nan where that is nothing.
+    """
+
+    known: GridMap
+    filled: GridMap
 
 
 def write_map(grid_map: GridMap, shown: Int8Array, folder: Path, name: str) -> None:
@@ -142,11 +158,38 @@ def load_grid(path: Path, most_cells: int = MOST_CELLS) -> GridMap:
     )
 
 
+def load_judged(path: Path, most_cells: int = MOST_CELLS, *, filled: bool = True) -> JudgedMap:
+    """Read a map as `load_grid` does, for a judge. Raises MapFileError.
+
+    Where the file is one of `sample` its layer `posterior_mean` fills unknown cells, if they are
+    to be `filled`; any other map is what it is.
+    """
+    if filled and path.suffix.lower() == '.npz':
+        return _read_npz(path, most_cells, guess=True)
+    grid_map = load_grid(path, most_cells)
+    return JudgedMap(grid_map, grid_map)
+
+
 def load_npz(path: Path, most_cells: int = MOST_CELLS) -> GridMap:
     """Read the probabilities `save_npz` wrote. Raises MapFileError with the field at fault."""
+    return _read_npz(path, most_cells, guess=False).known
+
+
+def _read_npz(path: Path, most_cells: int, *, guess: bool) -> JudgedMap:
     what = 'an NPZ with probability, resolution and origin'
-    held = read_npz(path, NPZ_FIELDS, what, MapFileError, most_bytes=8 * most_cells + 64)
-    stored, origin = held['probability'], held['origin'].astype(np.float64)
+    with npz_file(path, what, MapFileError, most_bytes=16 * most_cells + 64) as held:
+        fields = {name: held.read(name, field) for name, field in NPZ_FIELDS.items()}
+        probability = _probability(path, 'probability', fields['probability'], most_cells)
+        filled = probability
+        if guess and GUESS in held.names:
+            layer = held.read(GUESS, Field('f', probability.shape))
+            told = _probability(path, GUESS, layer, most_cells)
+            filled = np.where(np.isnan(probability), told, probability)
+    spec = _spec_of(path, fields, probability)
+    return JudgedMap(GridMap(spec, probability), GridMap(spec, filled))
+
+
+def _probability(path: Path, name: str, stored: AnyArray, most_cells: int) -> Float32Array:
     height, width = stored.shape
     if stored.size > most_cells:
         raise MapFileError(
@@ -155,12 +198,17 @@ def load_npz(path: Path, most_cells: int = MOST_CELLS) -> GridMap:
     with np.errstate(over='ignore', invalid='ignore'):
         probability = within_rounding(stored)
     if probability is None:
-        raise MapFileError(f'{path}: probability: expected values from 0 to 1, or nan')
-    resolution, (x, y, yaw) = float(held['resolution']), map(float, origin)
+        raise MapFileError(f'{path}: {name}: expected values from 0 to 1, or nan')
+    return probability
+
+
+def _spec_of(path: Path, fields: Mapping[str, AnyArray], probability: Float32Array) -> GridSpec:
+    height, width = probability.shape
+    origin = fields['origin'].astype(np.float64)
+    resolution, (x, y, yaw) = float(fields['resolution']), map(float, origin)
     if not (np.isnan(yaw) or abs(yaw) <= LEAST_YAW):
         raise MapFileError(turned(path, yaw))
     try:
-        spec = GridSpec(resolution, width, height, anchor_x_m=x, anchor_y_m=y)
+        return GridSpec(resolution, width, height, anchor_x_m=x, anchor_y_m=y)
     except ValueError as error:
         raise MapFileError(f'{path}: {error}') from error
-    return GridMap(spec, probability)

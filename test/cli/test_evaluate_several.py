@@ -54,6 +54,26 @@ def asked(capsys, *arguments):
     return json.loads(capsys.readouterr().out)
 
 
+def test_unmoved_cells_of_sampled_maps_are_judged_by_their_mean(theirs, capsys):
+    moved = GOOD.copy()
+    moved[1:, 1:] = np.nan
+    save_npz(GridMap(SPEC, moved), theirs / 'sampled.npz', {}, {'posterior_mean': GOOD})
+    judges = ('--truth', 'truth.yaml', '--beams', 'bag', '--points', '--point-step', '0.1')
+    good = asked(capsys, 'good.npz', *judges)
+    sampled = asked(capsys, 'sampled.npz', *judges)
+    assert sampled['measured_cells'] == 6
+    for figure in ('divergence_nats', 'roc_area', 'brier_score', 'cells', 'points'):
+        assert sampled[figure] == good[figure]
+    assert sampled['beams']['nats_per_beam'] == good['beams']['nats_per_beam']
+    both = asked(capsys, 'a=good.npz', 'b=sampled.npz', *judges)
+    assert [one['nats_per_beam'] for one in both['beams']['differences']] == [0.0]
+    assert [one['nearer'] for one in both['truth']['differences']] == [0.0]
+    # Asked to, it takes them all for as unknown as those never measured.
+    even = asked(capsys, 'sampled.npz', *judges, '--unknown', '0.5')
+    assert even['divergence_nats'] > good['divergence_nats']
+    assert even['beams']['nats_per_beam'] < good['beams']['nats_per_beam']
+
+
 def test_against_truth_and_beams(theirs, capsys):
     judges = ('--truth', 'truth.yaml', '--beams', 'bag', '--point-step', '0.1')
     result = asked(capsys, 'ours=good.npz', 'raw=raw.yaml', 'poor.npy', *judges, '--points')

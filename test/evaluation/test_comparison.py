@@ -39,6 +39,17 @@ def test_other_lattices_are_refused():
         aligned(grid([[0.0]], column0=7), TRUTH)
 
 
+def test_a_filled_map_judges_cells_that_are_unknown_but_does_not_make_them_known():
+    estimate = grid([[0.2, 0.1, NAN], [0.6, 0.9, NAN]])
+    filled = grid([[0.2, 0.1, 0.8], [0.6, 0.9, NAN]])
+    of_all = compare(estimate, TRUTH, EvaluationConfig(unknown=0.3), filled=filled)
+    assert of_all.figures['measured_cells'] == 3
+    assert np.array_equal(of_all.probability[:, 2], np.float32([0.8, 0.3]))
+    assert np.isnan(of_all.measured[:, 2]).all()
+    measured = compare(estimate, TRUTH, EvaluationConfig(mask='measured'), filled=filled)
+    assert measured.figures['cells'] == 3
+
+
 def test_figures_of_a_small_map():
     estimate = grid([[0.2, 0.1, 0.9], [0.6, 0.9, NAN]])
     result = compare(estimate, TRUTH)

@@ -11,10 +11,10 @@ from PIL import Image
 
 from ogm_mcmc.config import OutputConfig
 from ogm_mcmc.engine.saved_map import save_map
-from ogm_mcmc.errors import OutputError
+from ogm_mcmc.errors import MapFileError, OutputError
 from ogm_mcmc.files.output_files import writable_folder
 from ogm_mcmc.geometry import GridMap, GridSpec
-from ogm_mcmc.io.map_files import load_map, save_npz
+from ogm_mcmc.io.map_files import load_grid, load_judged, load_map, save_npz
 
 SPEC = GridSpec(0.05, 3, 2, column0=-7, row0=11, anchor_x_m=0.1, anchor_y_m=-20.3)
 # The second row is the one of higher y.
@@ -176,6 +176,26 @@ def test_name_that_is_taken_by_a_folder(tmp_path):
     with pytest.raises(OutputError, match=r'map\.yaml: is a folder'):
         save_map(MAP, tmp_path, DEFAULT)
     assert [path.name for path in tmp_path.iterdir()] == ['map.yaml']
+
+
+def test_a_judge_reads_what_a_sampled_map_says_of_unknown_cells(tmp_path):
+    spec = GridSpec(0.5, 3, 1)
+    known, mean = np.float32([[0.1, np.nan, np.nan]]), np.float32([[0.2, 0.7, np.nan]])
+    path = save_npz(GridMap(spec, known), tmp_path / 'map.npz', {}, {'posterior_mean': mean})
+    judged = load_judged(path)
+    assert np.array_equal(judged.known.probability, known, equal_nan=True)
+    filled = np.float32([[0.1, 0.7, np.nan]])
+    assert np.array_equal(judged.filled.probability, filled, equal_nan=True)
+    as_given = load_judged(path, filled=False)
+    assert as_given.filled is as_given.known
+    for layer, reason in (
+        (mean + 1, 'posterior_mean: expected values from 0 to 1'),
+        (mean[:, :2], r'posterior_mean is float32 \(1, 2\): expected float \(1, 3\)'),
+    ):
+        save_npz(GridMap(spec, known), path, {}, {'posterior_mean': layer})
+        with pytest.raises(MapFileError, match=reason):
+            load_judged(path)
+        assert load_grid(path).spec.width == 3  # nobody else needs the layer
 
 
 @pytest.mark.parametrize('name', ['map.npz', 'map.v1.npz', 'map.grid', 'map'])
