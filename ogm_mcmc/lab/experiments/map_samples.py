@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,6 +20,7 @@ from ogm_mcmc.config import (
 )
 from ogm_mcmc.engine.posterior import patch_prior, posterior_model
 from ogm_mcmc.engine.prior_files import default_prior_file
+from ogm_mcmc.engine.sensor_fit import fit_sensor
 from ogm_mcmc.geometry import CellBox, GridMap, PlacedScan
 from ogm_mcmc.sampling import (
     PosteriorSampler,
@@ -26,14 +28,18 @@ from ogm_mcmc.sampling import (
     over_dispersed_starts,
 )
 
-__all__ = ['METHODS', 'SampledMap', 'config_of', 'sample_map', 'window_of']
+__all__ = ['FITTED', 'METHODS', 'SampledMap', 'config_of', 'sample_map', 'window_of']
 
-# [patch] Table II: single cells, patches, patches given their border.
+# [patch] Table II: single cells, patches, patches given their border; the last once more.
 METHODS = {
     'cell': PatchConfig(prior='uniform', size=1),
     'patch9': PatchConfig(prior='patch', size=9),
     'border9': PatchConfig(prior='border', size=9),
+    'fitted9': PatchConfig(prior='border', size=9),
 }
+
+# Methods that take the share of random readings from the beams, as `refine_server` does.
+FITTED = ('fitted9',)
 
 
 class SampledMap(NamedTuple):
@@ -55,6 +61,7 @@ def config_of(
     threshold: float,
     burn_in: int,
     seed: int,
+    sensor: str = 'given',
 ) -> SamplerConfig:
     """Return the settings of one chain that starts as published: from the thresholded map."""
     return SamplerConfig(
@@ -67,6 +74,7 @@ def config_of(
             start_threshold=threshold,
             burn_in=burn_in,
             seed=seed,
+            sensor=sensor,
         ),
         patch=patch,
     )
@@ -93,6 +101,7 @@ def sample_map(
     Cells of `start` that are unknown, and cells outside of what is sampled, have the prior.
     The time per sample is that of the processor, without the burn-in.
     """
+    config = replace(config, model=fit_sensor(scans, config)[0])
     window = window_of(config, scans, box)
     model = posterior_model(config, window, patch_prior(config).table, everywhere=True)
     chain, spec = config.chain, window.spec

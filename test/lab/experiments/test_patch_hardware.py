@@ -131,8 +131,17 @@ def test_border_beats_traditional_in_coarse_cells(data_folder):
     }  # fmt: skip
     by = {
         method: score(**common, method=method, sweeps=sweeps)
-        for method, sweeps in (('traditional', [0, 0]), ('border9', [100, 200]))
+        for method, sweeps in (
+            ('traditional', [0, 0]),
+            ('border9', [100, 200]),
+            ('fitted9', [1, 1]),
+        )
     }
+    # The beams say themselves how many of them are random: hardly any.
+    clutter = {
+        method: one['settings']['model.clutter'] for method, one in by.items() if one['settings']
+    }
+    assert (clutter['border9'], clutter['fitted9']) == (0.05, pytest.approx(0.005, abs=0.002))
     for one in by.values():
         precision, recall = one['precision'], one['recall']
         assert one['max_f1'] == pytest.approx(2 * precision * recall / (precision + recall))
