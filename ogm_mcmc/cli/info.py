@@ -12,7 +12,8 @@ import numpy as np
 from ogm_mcmc.cli.options import Subparsers, add_json, print_result
 from ogm_mcmc.config.pose_sources import POSE_SOURCES
 from ogm_mcmc.engine.bag_scans import PlacedScans
-from ogm_mcmc.engine.bag_topics import StreamChoice, choose_topics
+from ogm_mcmc.engine.bag_topics import choose_topics
+from ogm_mcmc.engine.stream_choice import StreamChoice
 from ogm_mcmc.errors import OgmError
 from ogm_mcmc.geometry import Scan
 from ogm_mcmc.io import messages, ros_types

@@ -18,7 +18,7 @@ from ogm_mcmc.config import (
 )
 from ogm_mcmc.config.nodes import NODE_CONFIGS
 from ogm_mcmc.config.pose_sources import OFFLINE_POSE_SOURCES, POSE_SOURCES_TEXT
-from ogm_mcmc.engine.bag_topics import StreamChoice
+from ogm_mcmc.engine.stream_choice import StreamChoice
 from ogm_mcmc.errors import ConfigError, OgmError
 from ogm_mcmc.files.user_paths import user_path
 from ogm_mcmc.io.map_images import MOST_CELLS

@@ -10,12 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from ogm_mcmc.engine.bag_topics import StreamChoice, StreamTopics, choose_topics
+from ogm_mcmc.engine.bag_topics import choose_topics
 from ogm_mcmc.engine.mounts import MountFound, Mounts
 from ogm_mcmc.engine.odometry import OdometryAt, odometry_among
 from ogm_mcmc.engine.placing import DROP_REASONS, PoseSource, RobotScan, ScanPlacer
 from ogm_mcmc.engine.pose_choice import TF
 from ogm_mcmc.engine.pose_history import PoseHistory, Unplaceable, Waiting
+from ogm_mcmc.engine.stream_choice import StreamChoice, StreamTopics
 from ogm_mcmc.engine.tf_poses import TfPoses
 from ogm_mcmc.errors import BagError, PoseError, ScanError
 from ogm_mcmc.geometry import PlacedScan, Pose2D, PoseBelief, Scan

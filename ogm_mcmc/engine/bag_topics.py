@@ -1,9 +1,9 @@
 """Which topics of a bag to use: whose scans, and which of the poses that it holds.
 
-Scans: those of the topics named, else of every laser that is known to sit on one robot. Poses: of
-the source named, else of whatever covers the scans best (`pose_choice`); in a bag with several
-robots those of the robot with the first laser. Every choice is said in a line, with what else
-was there.
+Scans: those of the topics named, else of every laser that is known to sit on one robot
+(`scan_topics`). Poses: of the source named, else of whatever covers the scans best
+(`pose_choice`); in a bag with several robots those of the robot with the first laser. Every
+choice is said in a line, with what else was there.
 """
 
 from __future__ import annotations
@@ -13,16 +13,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from ogm_mcmc.config import MountConfig
 from ogm_mcmc.config.pose_sources import POSE_SOURCES
 from ogm_mcmc.engine.bag_survey import (
     BagSurvey,
     SeenTopic,
     survey,
-    topic_namespace,
     transform_topics,
 )
-from ogm_mcmc.engine.mounts import names_a_place
 from ogm_mcmc.engine.pose_choice import (
     FILE,
     TF,
@@ -30,31 +27,36 @@ from ogm_mcmc.engine.pose_choice import (
     tf_candidates,
 )
 from ogm_mcmc.engine.pose_motion import choose_robot_poses
+from ogm_mcmc.engine.scan_topics import (
+    POSE_TYPES,
+    lasers_of,
+    reading_topics,
+    robot_of,
+    robots_of,
+)
 from ogm_mcmc.engine.stream_choice import StreamChoice, StreamTopics
 from ogm_mcmc.engine.tf_poses import TfFrames, guess_frames
 from ogm_mcmc.engine.transform_tree import TransformTree
 from ogm_mcmc.errors import BagError
 from ogm_mcmc.io import ros_types
-from ogm_mcmc.io.bags import BagReader, BagTopic
+from ogm_mcmc.io.bags import BagReader
 from ogm_mcmc.io.tf_messages import TF_TYPES
 from ogm_mcmc.io.trajectory_files import read_trajectory, with_ends_held
 
-__all__ = ['StreamChoice', 'StreamTopics', 'choose_topics']
+__all__ = ['choose_topics']
 
 BASE_FRAME = 'base_link'
-
-POSE_TYPES = tuple(kind for name, kinds in POSE_SOURCES.items() if name != TF for kind in kinds)
 
 
 def choose_topics(bag: BagReader, choice: StreamChoice) -> StreamTopics:
     """Choose scans and poses of a bag. Raises BagError that says what is missing."""
-    readings = _reading_topics(bag, choice)
+    readings = reading_topics(bag, choice)
     first = readings[0]
-    others = _robots(bag) - {_robot_of(first.name)}
-    mine = [t for t in bag.topics() if t.n_messages and _robot_of(t.name) not in others]
+    others = robots_of(bag) - {robot_of(first.name)}
+    mine = [t for t in bag.topics() if t.n_messages and robot_of(t.name) not in others]
     named = bool(choice.scan_topic)
     if not named:
-        readings = [topic for topic in readings if _robot_of(topic.name) not in others]
+        readings = [topic for topic in readings if robot_of(topic.name) not in others]
     tf = transform_topics((t for t in mine if t.msgtype in TF_TYPES), first.name)
     tf = [topic for topic in tf if not bag.problem(topic.name)]
     posed = [t for t in mine if t.msgtype in POSE_TYPES and not bag.problem(t.name)]
@@ -70,9 +72,9 @@ def choose_topics(bag: BagReader, choice: StreamChoice) -> StreamTopics:
     scans: list[SeenTopic] = found
     remarks: list[str] = []
     if choice.sensor == 'scan' and not named:
-        scans, remarks = _lasers(found, seen.tree, frames.base_frame, choice.mounts)
+        scans, remarks = lasers_of(found, seen.tree, frames.base_frame, choice.mounts)
     if others and not named:
-        robot = _robot_of(first.name) or 'the one without a namespace'
+        robot = robot_of(first.name) or 'the one without a namespace'
         line = f'scans of robot {robot}; also there: {", ".join(sorted(others))} (--scan-topic)'
         remarks = [line, *remarks]
     return _with_poses(bag, choice, scans, seen, frames, remarks)
@@ -139,78 +141,6 @@ def _with_poses(
         tuple(sensor for one in scans for sensor in zip(one.frames, one.middle_ns, strict=True)),
         frozenset(unstamped),
     )
-
-
-# -- scans ----------------------------------------------------------------------------------
-
-
-def _reading_topics(bag: BagReader, choice: StreamChoice) -> list[BagTopic]:
-    """Return the topics with readings, the one that stands for the robot first."""
-    ranges = choice.sensor == 'range'
-    role, kind = ('ranges', ros_types.RANGE) if ranges else ('scans', ros_types.SCAN)
-    if choice.scan_topic:
-        names = filter(None, map(str.strip, choice.scan_topic.split(',')))
-        return [bag.find(role, (kind,), name) for name in names]
-    first = bag.find(role, (kind,))  # or say what is missing
-    readable = [
-        t
-        for t in bag.topics()
-        if t.msgtype == kind and t.n_messages > 0 and not bag.problem(t.name)
-    ]
-    if ranges:
-        return readable or [first]
-    # A topic called scan is what the driver sends; filters and mergers add to the name.
-    return sorted(readable, key=_usual) or [first]
-
-
-def _usual(topic: BagTopic) -> tuple[bool, int, int]:
-    return not topic.name.endswith('/scan'), topic.name.count('/'), -topic.n_messages
-
-
-def _lasers(
-    found: list[SeenTopic], tree: TransformTree, base: str, mounts: MountConfig
-) -> tuple[list[SeenTopic], list[str]]:
-    """Return the topic of each laser whose place on the robot is known, the first in any case."""
-    used, taken, left = [found[0]], set(found[0].frames), []
-    for topic in found[1:]:
-        if taken & set(topic.frames):
-            left.append(f'{topic.topic.name} (of {topic.frame} as well)')
-        elif not all(_is_mounted(frame, tree, base, mounts) for frame in topic.frames):
-            left.append(f'{topic.topic.name} (nothing says where {topic.frame} sits)')
-        elif any(tree.moves_apart(base, frame) for frame in topic.frames):
-            left.append(f'{topic.topic.name} ({topic.frame} is not of the robot of {base})')
-        else:
-            used.append(topic)
-            taken |= set(topic.frames)
-    if len(found) == 1:
-        return used, []
-    line = 'scans from ' + ', '.join(f'{t.topic.name} ({", ".join(t.frames[:3])})' for t in used)
-    return used, [line + (f'; also there: {", ".join(left)}' if left else '')]
-
-
-def _is_mounted(frame: str, tree: TransformTree, base: str, mounts: MountConfig) -> bool:
-    return (
-        frame == base
-        or frame in mounts.named()
-        or names_a_place(mounts, frame)
-        or tree.newest_common_ns(base, frame) is not None
-    )
-
-
-def _robot_of(name: str) -> str:
-    return topic_namespace(name).partition('/')[0]
-
-
-def _robots(bag: BagReader) -> set[str]:
-    """Return the namespaces that hold a robot of their own: scans, and poses or transforms."""
-    scans, poses = set(), set()
-    for topic in bag.topics():
-        robot = _robot_of(topic.name)
-        if topic.n_messages > 0 and topic.msgtype in (ros_types.SCAN, ros_types.RANGE):
-            scans.add(robot)
-        elif topic.n_messages > 0 and topic.msgtype in (*POSE_TYPES, *TF_TYPES):
-            poses.add(robot)
-    return (scans & poses) - {''}
 
 
 # -- poses ----------------------------------------------------------------------------------

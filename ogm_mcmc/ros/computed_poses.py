@@ -16,9 +16,10 @@ from rclpy.publisher import Publisher
 
 from ogm_mcmc.config.nodes import ReplayConfig
 from ogm_mcmc.engine.bag_scans import PlacedScans
-from ogm_mcmc.engine.bag_topics import StreamChoice, choose_topics
+from ogm_mcmc.engine.bag_topics import choose_topics
 from ogm_mcmc.engine.mounts import MountFound, mounts_setting
 from ogm_mcmc.engine.pose_history import RESTART_NS, Unplaceable, Waiting
+from ogm_mcmc.engine.stream_choice import StreamChoice
 from ogm_mcmc.errors import BagError, PoseError
 from ogm_mcmc.io import messages
 from ogm_mcmc.io.bag_headers import StoredHeader, stored_header

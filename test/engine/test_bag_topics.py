@@ -7,7 +7,8 @@ from support.transforms import transform
 from ogm_mcmc.config import MountConfig
 from ogm_mcmc.engine.bag_scans import PlacedScans
 from ogm_mcmc.engine.bag_survey import transform_topics
-from ogm_mcmc.engine.bag_topics import StreamChoice, choose_topics
+from ogm_mcmc.engine.bag_topics import choose_topics
+from ogm_mcmc.engine.stream_choice import StreamChoice
 from ogm_mcmc.errors import BagError
 from ogm_mcmc.geometry import Pose2D
 from ogm_mcmc.io import ros_types

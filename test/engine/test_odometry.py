@@ -5,7 +5,7 @@ import pytest
 
 from ogm_mcmc.config import TrajectoryConfig
 from ogm_mcmc.engine.bag_scans import PlacedScans
-from ogm_mcmc.engine.bag_topics import StreamChoice, choose_topics
+from ogm_mcmc.engine.bag_topics import choose_topics
 from ogm_mcmc.engine.joint_poses import PoseRefinement
 from ogm_mcmc.engine.odometry import (
     OdometryTrack,
@@ -16,6 +16,7 @@ from ogm_mcmc.engine.odometry import (
 )
 from ogm_mcmc.engine.pose_choice import TF, PoseCandidate, PoseChoice, RankedPoses
 from ogm_mcmc.engine.pose_history import PoseHistory
+from ogm_mcmc.engine.stream_choice import StreamChoice
 from ogm_mcmc.engine.tf_poses import TfPoses
 from ogm_mcmc.engine.transform_tree import TransformTree
 from ogm_mcmc.geometry import PlacedScan, Pose2D, PoseBelief, Scan

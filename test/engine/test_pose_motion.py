@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from support.transforms import transform
 
-from ogm_mcmc.engine.bag_topics import StreamChoice, choose_topics
+from ogm_mcmc.engine.bag_topics import choose_topics
 from ogm_mcmc.engine.pose_motion import moves_alike
+from ogm_mcmc.engine.stream_choice import StreamChoice
 from ogm_mcmc.errors import BagError
 from ogm_mcmc.geometry import Pose2D
 from ogm_mcmc.io import ros_types
