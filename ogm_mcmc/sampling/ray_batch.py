@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
-from ogm_mcmc.arrays import AnyArray
+from ogm_mcmc.arrays import AnyArray, Float32Array, Float64Array
 from ogm_mcmc.geometry import PlacedScan
 from ogm_mcmc.sampling.beam_rays import BeamRays
 from ogm_mcmc.sampling.ray_merging import Joining, Shared
@@ -16,8 +17,34 @@ __all__ = ['Batch', 'in_blocks']
 # Rays that are filed at a time.
 BLOCK = 8_000
 
-# Rays that are cast once and held while they are filed, 72 bytes each; others are cast again.
+# Rays that are cast once and held while they are filed, 28 bytes each; others are cast again.
 MOST_HELD = 200_000
+
+
+class _Held(NamedTuple):
+    """The rays of a scan, what they share told once: exact, as ranges come as float32."""
+
+    at: tuple[int, int, float, float]
+    ux: Float64Array
+    uy: Float64Array
+    length: Float64Array
+    reading: Float32Array
+    reach: Float64Array  # one for all, if it is
+
+    @classmethod
+    def of(cls, rays: BeamRays) -> _Held:
+        column, row, x, y = (array[0] if array.size else 0 for array in rays[:4])
+        reach = rays.reach
+        if reach.size and (reach == reach[0]).all():
+            reach = reach[:1].copy()
+        at = int(column), int(row), float(x), float(y)
+        return cls(at, rays.ux, rays.uy, rays.length, rays.reading.astype(np.float32), reach)
+
+    def rays(self) -> BeamRays:
+        size = self.length.size
+        at = [np.full(size, value) for value in self.at]
+        reading, reach = self.reading.astype(np.float64), np.full(size, self.reach)
+        return BeamRays(*at, self.ux, self.uy, self.length, reading, reach)
 
 
 class Batch:
@@ -30,14 +57,14 @@ class Batch:
         joining: Joining | None,
     ) -> None:
         self._scans, self._cast, self._joining = scans, cast, joining
-        self._held: list[BeamRays] = []
+        self._held: list[_Held] = []
         self._shared: list[Shared | None] = []
         self.n_beams = 0
         for scan in scans:
             rays = cast(scan)
             self.n_beams += rays.length.size
             if self.n_beams <= MOST_HELD:
-                self._held.append(rays)
+                self._held.append(_Held.of(rays))
             self._shared.append(None if joining is None else joining.take(scan, rays))
 
     def rays(self) -> Iterator[BeamRays]:
@@ -49,13 +76,17 @@ class Batch:
                 yield self._joining.lines_alone(shared, self._of(i))
 
     def more_said(self) -> Iterator[tuple[BeamRays, AnyArray]]:
-        """Yield beams that say more of rays, and the number of the ray of each."""
+        """Yield beams that say more of rays, and the number of the ray of each.
+
+        Nobody asks for rays any more after this: they are no longer held then.
+        """
         for i, shared in enumerate(self._shared):
             if shared is not None and shared.ray.size:
                 yield self._of(i), shared.ray
+        self._held.clear()
 
     def _of(self, i: int) -> BeamRays:
-        return self._held[i] if i < len(self._held) else self._cast(self._scans[i])
+        return self._held[i].rays() if i < len(self._held) else self._cast(self._scans[i])
 
 
 def in_blocks(parts: Iterable[BeamRays]) -> Iterator[BeamRays]:

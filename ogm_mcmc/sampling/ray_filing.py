@@ -43,6 +43,9 @@ FULL_FROM = 1.0
 MOST_PAIRS = 2**31 - 1
 MOST_RAYS = 2**29
 
+# Sums take eight bytes a run.
+TILES_AT_ONCE = 256
+
 
 def extended(
     index: RayIndex,
@@ -88,6 +91,7 @@ def extended(
     before = index.lists[:, NEAR].astype(np.int64)
     more[where_old] += np.diff(before)
     lists[1:, NEAR] = _sums(more)
+    del more
     next_near = _spread_out(before, where_old, lists[:, NEAR])
     near = _grown(index.near, int(lists[-1, NEAR]))
     spread(before, where_old, lists[:, NEAR].astype(np.int64), near)
@@ -188,10 +192,13 @@ def _with_front(
     more = counted[0].astype(np.int64)
     more[where_old] += np.diff(before)
     index.lists[1:, FRONT] = _sums(more)
+    counted[0].resize(0, refcheck=False)
+    del more
     next_front = _spread_out(before, where_old, index.lists[:, FRONT])
     front = _grown(front, int(index.lists[-1, FRONT]))
     spread(before, where_old, index.lists[:, FRONT].astype(np.int64), front[:, None])
     fill_fronts(becoming, places, n_old, *old_tiles, rays, grid, next_front, front)
+    del becoming, places
 
     begins = tiles.astype(np.int64)
     after = np.zeros_like(tiles)
@@ -316,7 +323,10 @@ def _last_runs(index: RayIndex) -> tuple[AnyArray, AnyArray]:
 
 
 def _most_in_tile(tiles: AnyArray, run_lengths: AnyArray) -> int:
-    some = np.flatnonzero(np.diff(tiles))
-    if not some.size:
-        return 0
-    return int(np.add.reduceat(run_lengths, tiles[some], dtype=np.int64).max())
+    some, most = np.flatnonzero(np.diff(tiles)), 0
+    for at in range(0, some.size, TILES_AT_ONCE):
+        begins = tiles[some[at : at + TILES_AT_ONCE]]
+        end = tiles[some[min(at + TILES_AT_ONCE, some.size) - 1] + 1]
+        here = run_lengths[begins[0] : end]
+        most = max(most, int(np.add.reduceat(here, begins - begins[0], dtype=np.int64).max()))
+    return most
