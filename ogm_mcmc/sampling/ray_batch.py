@@ -42,9 +42,9 @@ class _Held(NamedTuple):
 
     def rays(self) -> BeamRays:
         size = self.length.size
-        at = [np.full(size, value) for value in self.at]
+        column, row, x, y = (np.full(size, value) for value in self.at)
         reading, reach = self.reading.astype(np.float64), np.full(size, self.reach)
-        return BeamRays(*at, self.ux, self.uy, self.length, reading, reach)
+        return BeamRays(column, row, x, y, self.ux, self.uy, self.length, reading, reach)
 
 
 class Batch:
