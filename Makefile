@@ -18,12 +18,16 @@ export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
 setup: $(READY)
 
-# What runs: the package, ROS 2 and pictures. Python compiles what it imports by itself, which takes less time.
+# What runs: the package, ROS 2 and pictures. Python compiles what it imports by itself, which takes less time;
+# kernels are compiled while the rest arrives.
 $(RUNS): setup.py
 	@test -n "$(PYTHON)" || { echo 'error: expected Python 3.11 or 3.12; name one: make PYTHON=...'; exit 2; }
 	$(PYTHON) -m venv $(VENV)
 	$(PIP) 'setuptools<80' wheel
-	$(PIP) --use-pep517 --no-build-isolation --editable '.[ros,plots]'
+	$(PIP) --use-pep517 --no-build-isolation --editable .
+	$(PY) -m ogm_mcmc warm-up & \
+	$(PIP) --use-pep517 --no-build-isolation --editable '.[ros,plots]'; status=$$?; \
+	wait; exit $$status
 	@touch $@
 
 # And what tests and figures need.

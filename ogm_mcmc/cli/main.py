@@ -22,6 +22,7 @@ from ogm_mcmc.cli import (
     replay,
     sample,
     simulate,
+    warm_up,
 )
 from ogm_mcmc.cli.options import path_argument
 from ogm_mcmc.engine.signals import leave_on_signals
@@ -41,6 +42,7 @@ COMMANDS = (
     info,
     replay,
     bench,
+    warm_up,
     demo,
 )
 
