@@ -10,11 +10,13 @@ white is neither 255 nor 65535; here such a file is read as its format defines i
 from __future__ import annotations
 
 import threading
+import warnings
+import zlib
 from pathlib import Path
-from typing import NamedTuple
+from typing import BinaryIO, NamedTuple
 
 import numpy as np
-from PIL import Image
+from PIL import Image, UnidentifiedImageError
 
 from ogm_mcmc.arrays import BoolArray, UInt8Array
 from ogm_mcmc.errors import OgmError
@@ -25,6 +27,8 @@ __all__ = ['MOST_PIXELS', 'Greys', 'read_greys']
 # A map of 350 m x 350 m at 5 cm. `evaluate` takes 35 bytes a cell: 1.8 GB for such a map.
 MOST_PIXELS = 50_000_000
 FORMATS = ('PNG', 'PPM', 'BMP', 'TIFF', 'GIF', 'JPEG', 'WEBP')
+PNG = b'\x89PNG\r\n\x1a\n'
+BLOCK = 1 << 16
 STRIP = 256  # rows at a time, where colours take many bytes a pixel
 
 _opening = threading.Lock()
@@ -49,15 +53,45 @@ def read_greys(path: Path, error: type[OgmError], most_pixels: int = MOST_PIXELS
     Raises `error`: '<path>: expected a readable image (<reason>)'.
     """
     try:
-        with file_to_read(path) as stream, _opened(stream) as image:
+        with file_to_read(path) as stream, warnings.catch_warnings():
+            warnings.simplefilter('ignore')  # what is wrong is said below, in one line
+            _check_png(stream)
+            image = _opened(stream)
             width, height = image.size
             if width * height > most_pixels:
                 raise ValueError(f'{width} x {height} pixels: expected at most {most_pixels}')
             return _greys(image)
     except OgmError:
         raise
+    except UnidentifiedImageError as reason:
+        known = f'none of {", ".join(FORMATS)}, or its header is damaged'
+        raise error(f'{path}: expected a readable image ({known})') from reason
     except Exception as reason:  # a damaged image fails in more ways than can be listed
         raise error(f'{path}: expected a readable image ({reason_of(reason)})') from reason
+
+
+def _check_png(stream: BinaryIO) -> None:
+    """Raise ValueError for a PNG that is cut off or has a chunk that fails its checksum.
+
+    Goes back to the start. Pillow does not look at the checksums of pixels, and would read what is
+    not there.
+    """
+    kind = b'IEND'
+    if stream.read(8) == PNG:
+        kind = b''
+    while kind != b'IEND':
+        head = stream.read(8)
+        length, kind = int.from_bytes(head[:4], 'big'), head[4:]
+        found = zlib.crc32(kind)
+        while length > 0 and (piece := stream.read(min(length, BLOCK))):
+            found, length = zlib.crc32(piece, found), length - len(piece)
+        expected = stream.read(4)
+        if len(expected) < 4:
+            raise ValueError('it is cut off')
+        if found != int.from_bytes(expected, 'big'):
+            name = kind.decode() if kind.isalpha() else 'without a name'
+            raise ValueError(f'chunk {name} fails its checksum')
+    stream.seek(0)
 
 
 def _opened(stream: object) -> Image.Image:

@@ -88,6 +88,33 @@ def png(width, height, bits, kind, content):
     )
 
 
+@pytest.mark.parametrize('kind', ['IHDR', 'IDAT', 'IEND'])
+def test_a_chunk_that_fails_its_checksum(tmp_path, kind):
+    """Pillow reads pixels whatever their checksum is."""
+    content, path = bytearray(png(1, 1, 8, 0, bytes(2))), tmp_path / 'a.png'
+    at = content.index(kind.encode())
+    length = int.from_bytes(content[at - 4 : at], 'big')
+    content[at + 4 + length] ^= 1
+    path.write_bytes(content)
+    assert f'chunk {kind} fails its checksum' in refused(path)
+    path.write_bytes(content[: at + 4 + length])
+    assert 'it is cut off' in refused(path)
+
+
+@pytest.mark.parametrize('kind', ['TIFF', 'PNG', 'BMP'])
+def test_an_image_is_told_by_its_content(saved, kind):
+    """One named PGM that is another kind; cut off it is refused in one line."""
+    path = saved(Image.fromarray(ALL), 'map.pgm', format=kind)
+    assert np.array_equal(read_greys(path, MapFileError).grey, ALL)
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    refused(path)
+
+
+def test_what_is_no_image_is_said(tmp_path):
+    (tmp_path / 'a.pgm').write_text('image: a.pgm')
+    assert 'none of PNG, PPM, BMP' in refused(tmp_path / 'a.pgm')
+
+
 @pytest.mark.parametrize('kind', [2, 4, 6])
 def test_sixteen_bits_of_colour_or_transparency(tmp_path, kind):
     """Pillow keeps only eight of them."""
