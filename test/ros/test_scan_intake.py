@@ -18,6 +18,7 @@ from support.local_ros import (
     pose_stamped,
     scan,
     tf2_msgs_stand_in,
+    tf2_msgs_twin,
     transforms,
 )
 
@@ -204,28 +205,40 @@ def test_a_reliable_publisher_is_heard_reliably(node):
     node.destroy_publisher(publisher)
 
 
+@pytest.fixture(params=['tf2_msgs', 'twin'])
+def wire(request, monkeypatch):
+    """What makes a message of one transform, and its type: the real one, or what stands for it."""
+    if request.param == 'tf2_msgs':
+        messages = pytest.importorskip(
+            'tf2_msgs.msg', reason='tf2_msgs is not installed (no wheel has it): the twin runs'
+        )
+        yield lambda one: messages.TFMessage(transforms=[one]), messages.TFMessage
+    else:
+        with tf2_msgs_twin(monkeypatch):
+            yield lambda one: one, TransformStamped
+
+
 @pytest.mark.parametrize('source', ['tf', 'odom'])
-def test_transforms_on_the_wire(node, source):
+def test_transforms_on_the_wire(node, wire, source):
     """The messages themselves: a latched static publisher and a moving one are heard."""
-    tf2_msgs = pytest.importorskip(
-        'tf2_msgs.msg', reason='tf2_msgs is not installed (not on PyPI)'
-    )
-    from geometry_msgs.msg import TransformStamped
+    make, kind = wire
 
     def message(parent, child, time_s, x):
         one = TransformStamped(child_frame_id=child)
         one.header.frame_id = parent
         one.header.stamp.sec = time_s
         one.transform.translation.x = x
-        return tf2_msgs.TFMessage(transforms=[one])
+        return make(one)
 
-    static = node.create_publisher(tf2_msgs.TFMessage, '/tf_static', qos.TF_STATIC)
+    static = node.create_publisher(kind, '/tf_static', qos.TF_STATIC)
     static.publish(message('base_link', 'laser', 0, 0.5))
-    moving = node.create_publisher(tf2_msgs.TFMessage, '/tf', 100)
+    best_effort = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
+    moving = node.create_publisher(kind, '/tf', 100 if source == 'tf' else best_effort)
     taken = Bench(node, pose_source=source, transform_timeout=5.0)
     taken.intake.subscribe()
     node.until(lambda: 'laser' in taken.intake.transforms.tree.frames())
     node.until(lambda: moving.get_subscription_count() > 0)
+    taken.intake.adapt()
     moving.publish(message('map', 'base_link', 1, 1.0))
     taken.intake.on_scan(scan(1.0))
     if source == 'odom':

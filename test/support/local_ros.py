@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 import rclpy
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, TransformStamped
 from nav_msgs.msg import Odometry
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -28,6 +28,7 @@ __all__ = [
     'refusal',
     'scan',
     'tf2_msgs_stand_in',
+    'tf2_msgs_twin',
     'transforms',
 ]
 
@@ -103,6 +104,20 @@ def tf2_msgs_stand_in(monkeypatch: Any) -> Iterator[None]:
     monkeypatch.setitem(sys.modules, 'tf2_msgs', package)
     monkeypatch.setitem(sys.modules, 'tf2_msgs.msg', messages)
     yield
+
+
+@contextmanager
+def tf2_msgs_twin(monkeypatch: Any) -> Iterator[None]:
+    """Let a message of one transform stand for tf2_msgs/TFMessage, on the wire as well.
+
+    No wheel holds tf2_msgs. With this one all else is as with the real one: topics, QoS, latching,
+    frames, the tree.
+    """
+    one_of_one = property(lambda message: [message])
+    monkeypatch.setattr(TransformStamped, 'transforms', one_of_one, raising=False)
+    with tf2_msgs_stand_in(monkeypatch):
+        sys.modules['tf2_msgs.msg'].TFMessage = TransformStamped  # type: ignore[attr-defined]
+        yield
 
 
 def _stamped(msg: Any, time_s: float, frame: str) -> Any:
