@@ -113,6 +113,12 @@ def test_colcon_builds_and_the_executables_run(clean_copy, tmp_path, office_bag)
 
     source = 'unset _ROS_WHEELS_BOOTSTRAP_COMPLETE; . install/setup.sh; exec "$0" "$@"'
     shell = ('sh', '-c', f'cd {tmp_path}; {source}')
+    # Launch files find what they share in the package that is installed, not in the source tree.
+    launched = clean_copy / 'test' / 'support' / 'launch_files.py'
+    files = sorted((share / 'launch').iterdir())
+    said = run(*shell, sys.executable, launched, *files, cwd=tmp_path).splitlines()
+    assert len(said) == len(files) == 4
+    assert all(str(install) in line for line in said)
     yaml = share / 'config' / 'online_mapper.yaml'
     mapper = NodeProcess(
         '',

@@ -1,12 +1,10 @@
 """Launch files, with stand-ins for launch: what they declare, start and hand on."""
 
 import json
-import runpy
-import sys
-from types import ModuleType, SimpleNamespace
 
 import pytest
 import yaml
+from support.launch_files import described
 
 # Launch file and the node it starts.
 FILES = {
@@ -15,36 +13,6 @@ FILES = {
     'nav2': 'online_mapper',
     'refine_after_slam': 'refine_server',
 }
-
-
-def stub(monkeypatch, name, **members):
-    module = ModuleType(name)
-    module.__dict__.update(members)
-    monkeypatch.setitem(sys.modules, name, module)
-
-
-def called(kind):
-    """Return a stand-in for a class of launch: it keeps what it was made with."""
-    return lambda *args, **kwargs: SimpleNamespace(kind=kind, args=args, **kwargs)
-
-
-def described(monkeypatch, path):
-    """Return the declared arguments by name, and the nodes; launch itself is not on PyPI."""
-    kinds = {
-        'launch': ['LaunchDescription'],
-        'launch.actions': ['DeclareLaunchArgument'],
-        'launch.conditions': ['UnlessCondition'],
-        'launch.substitutions': ['LaunchConfiguration', 'PathJoinSubstitution'],
-        'launch_ros': [],
-        'launch_ros.actions': ['Node'],
-        'launch_ros.substitutions': ['FindPackageShare'],
-    }
-    for name, members in kinds.items():
-        stub(monkeypatch, name, **{member: called(member) for member in members})
-    description = runpy.run_path(str(path))['generate_launch_description']()
-    (entities,) = description.args
-    declared = {e.args[0]: e for e in entities if e.kind == 'DeclareLaunchArgument'}
-    return declared, [e for e in entities if e.kind == 'Node']
 
 
 def asked(value):
@@ -58,12 +26,12 @@ def asked(value):
 
 @pytest.mark.parametrize('name', FILES)
 @pytest.mark.parametrize('linked', [False, True], ids=['plain', 'symlink install'])
-def test_parameters_come_from_the_share_folder(monkeypatch, repository, tmp_path, name, linked):
+def test_parameters_come_from_the_share_folder(repository, tmp_path, name, linked):
     path = repository / 'config' / 'launch' / f'{name}.launch.py'
     if linked:
         (tmp_path / path.name).symlink_to(path)
         path = tmp_path / path.name
-    declared, _ = described(monkeypatch, path)
+    declared, _ = described(path)
     share, *rest = declared['params_file'].default_value.args[0]
     assert (share.kind, share.args) == ('FindPackageShare', ('ogm_mcmc',))
     assert rest == ['config', f'{FILES[name]}.yaml']
@@ -71,9 +39,9 @@ def test_parameters_come_from_the_share_folder(monkeypatch, repository, tmp_path
 
 
 @pytest.mark.parametrize('name', FILES)
-def test_every_argument_reaches_the_node(monkeypatch, repository, name):
+def test_every_argument_reaches_the_node(repository, name):
     path = repository / 'config' / 'launch' / f'{name}.launch.py'
-    declared, (node, *_) = described(monkeypatch, path)
+    declared, (node, *_) = described(path)
     assert (node.executable, node.name) == (FILES[name], FILES[name])
     assert {'namespace', 'log_level', 'use_sim_time', 'params_file', 'respawn'} <= set(declared)
     values = [vars(node)[key] for key in ('namespace', 'respawn', 'arguments', 'parameters')]
@@ -87,9 +55,9 @@ def test_every_argument_reaches_the_node(monkeypatch, repository, name):
     assert set(given) - {'use_sim_time'} <= set(known)
 
 
-def test_under_nav2_a_lifecycle_manager_starts_the_mapper(monkeypatch, repository):
+def test_under_nav2_a_lifecycle_manager_starts_the_mapper(repository):
     path = repository / 'config' / 'launch' / 'nav2.launch.py'
-    _, (node, manager) = described(monkeypatch, path)
+    _, (node, manager) = described(path)
     # A manager does not notice a node that comes again: then it is the node that sees to itself.
     assert asked(node.parameters[1]['autostart']) == {'respawn'}
     assert (manager.condition.kind, *map(asked, manager.condition.args)) == (

@@ -5,52 +5,13 @@ unconfigured: with `respawn:=true` the mapper starts itself, every time, and no 
 """
 
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument
 from launch.conditions import UnlessCondition
-from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
+from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
-from launch_ros.substitutions import FindPackageShare
 
-# Through the ament index: a symlink install leaves this file in the source tree.
-PARAMETERS = PathJoinSubstitution([FindPackageShare('ogm_mcmc'), 'config', 'online_mapper.yaml'])
+from ogm_mcmc.ros.launching import Topic, started
 
-ARGUMENTS = (
-    ('namespace', '', 'namespace of the node and its topics'),
-    ('params_file', PARAMETERS, 'parameters of online_mapper'),
-    ('use_sim_time', 'false', 'follow /clock'),
-    ('log_level', 'info', 'debug, info, warn, error or fatal'),
-    ('respawn', 'false', 'start again when it ends by itself; without a lifecycle manager'),
-    ('scan_topic', 'scan', 'LaserScan'),
-    ('map_topic', 'map', 'the map that goes out'),
-    ('tf_topic', '/tf', 'transforms'),
-    ('tf_static_topic', '/tf_static', 'transforms that never change'),
-)
-
-GIVEN = {
-    'use_sim_time': LaunchConfiguration('use_sim_time'),
-    'autostart': LaunchConfiguration('respawn'),
-    'pose_source': 'tf',
-}
-
-REMAPS = [
-    ('scan', LaunchConfiguration('scan_topic')),
-    ('map', LaunchConfiguration('map_topic')),
-    ('/tf', LaunchConfiguration('tf_topic')),
-    ('/tf_static', LaunchConfiguration('tf_static_topic')),
-]
-
-NODE = Node(
-    package='ogm_mcmc',
-    executable='online_mapper',
-    name='online_mapper',
-    namespace=LaunchConfiguration('namespace'),
-    output='screen',
-    respawn=LaunchConfiguration('respawn'),
-    respawn_delay=2.0,
-    parameters=[LaunchConfiguration('params_file'), GIVEN],
-    remappings=REMAPS,
-    arguments=['--ros-args', '--log-level', LaunchConfiguration('log_level')],
-)
+MAP = Topic('map_topic', 'map', 'the map that goes out')
 
 # Nav2's; bondpy is not used, so the bond is off.
 MANAGER = Node(
@@ -72,8 +33,10 @@ MANAGER = Node(
 
 
 def generate_launch_description() -> LaunchDescription:
-    declared = [
-        DeclareLaunchArgument(name, default_value=default, description=text)
-        for name, default, text in ARGUMENTS
-    ]
-    return LaunchDescription([*declared, NODE, MANAGER])
+    mapper = started(
+        'online_mapper',
+        [MAP],
+        given={'pose_source': 'tf', 'autostart': LaunchConfiguration('respawn')},
+        respawn='start again when it ends by itself; without a lifecycle manager',
+    )
+    return LaunchDescription([*mapper, MANAGER])
