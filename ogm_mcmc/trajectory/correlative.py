@@ -18,7 +18,7 @@ import numpy as np
 
 from ogm_mcmc.arrays import AnyArray, Float32Array, Float64Array, Int64Array
 from ogm_mcmc.errors import require
-from ogm_mcmc.trajectory.correlative_kernels import best_pose, paint
+from ogm_mcmc.trajectory.correlative_kernels import best_pose, paint, paint_free
 from ogm_mcmc.trajectory.factors import PoseFactors
 from ogm_mcmc.trajectory.points import ScanPoints, wrapped
 
@@ -32,6 +32,9 @@ SURER_BY = 5.0
 
 # Scans whose points score so small a share of what is usual fit badly.
 FITTING_SHARE = 0.75
+
+# Space that others looked through is free from so many `blur_m` before what they saw.
+FREE_FROM = 1.5
 
 # The first look is at every other point.
 COARSE_STRIDE = 2
@@ -49,6 +52,8 @@ class LookUp:
     blur_m: float = 0.1
     floor: float = 0.1
     """Likelihood of a point far from everything, as a share of the highest."""
+    in_free: float = 0.0
+    """Likelihood of a point where others looked through, as a share of `floor`; 0: the floor."""
     power: float = 0.5
     """Exponent of the likelihood of a scan: its points do not err independently."""
 
@@ -61,8 +66,18 @@ class LookUp:
         """Return log(floor + exp(-d^2 / 2 blur^2)) - log(floor), times `power`."""
         half = math.ceil(3.0 * self.blur_m / self.cell_m)
         d = np.arange(-half, half + 1) * self.cell_m
-        near = np.exp(-0.5 * (d[:, None] ** 2 + d**2) / self.blur_m**2)
-        return (self.power * np.log1p(near / self.floor)).astype(np.float32)
+        distance = np.hypot(d[:, None], d) / self.blur_m
+        return np.asarray(self.of_near(distance), np.float32)
+
+    def of_near(self, distance: AnyArray | float) -> AnyArray:
+        """Return the log-likelihood of points so many `blur_m` from others, as in `kernel`."""
+        near = np.exp(-0.5 * np.square(distance))
+        return np.asarray(self.power * np.log1p(near / self.floor))
+
+    @property
+    def of_free(self) -> float:
+        """Log-likelihood of a point where others looked through, times `power`; 0 elsewhere."""
+        return self.power * math.log(self.in_free) if self.in_free > 0.0 else 0.0
 
 
 class _Field:
@@ -84,14 +99,28 @@ class _Field:
         return other
 
     def add(self, scans: AnyArray, poses: Float64Array) -> None:
-        """Paint scans as the poses (K, 3) place them."""
-        for k in scans:
-            local = self.points.local[self.points.starts[k] : self.points.starts[k + 1]]
-            cosine, sine = math.cos(poses[k, 2]), math.sin(poses[k, 2])
-            x = poses[k, 0] + cosine * local[:, 0] - sine * local[:, 1] - self.corner[0]
-            y = poses[k, 1] + sine * local[:, 0] + cosine * local[:, 1] - self.corner[1]
-            columns, rows = (np.stack((x, y)) / self.settings.cell_m).astype(np.int64)
-            paint(self.values, self.kernel, columns, rows)
+        """Paint scans as the poses (K, 3) place them; all at once where free space counts."""
+        ends = [self._ends(k, poses[k]) for k in scans]
+        for x, y in ends:
+            paint(self.values, self.kernel, x.astype(np.int64), y.astype(np.int64))
+        settings = self.settings
+        if settings.of_free == 0.0:
+            return
+        near = FREE_FROM * settings.blur_m / settings.cell_m
+        for k, (x, y) in zip(scans, ends, strict=True):
+            at = (poses[k, :2] - self.corner) / settings.cell_m
+            paint_free(
+                self.values, at[0], at[1], x, y, near, settings.of_near(FREE_FROM),
+                settings.of_free,
+            )  # fmt: skip
+
+    def _ends(self, k: int, pose: Float64Array) -> Float64Array:
+        """Return x and y (2, n) of the points of scan k in the field, cells."""
+        local = self.points.local[self.points.starts[k] : self.points.starts[k + 1]]
+        cosine, sine = math.cos(pose[2]), math.sin(pose[2])
+        x = pose[0] + cosine * local[:, 0] - sine * local[:, 1] - self.corner[0]
+        y = pose[1] + sine * local[:, 0] + cosine * local[:, 1] - self.corner[1]
+        return np.stack((x, y)) / self.settings.cell_m
 
     def look_up(
         self, k: int, at: Float64Array, factors: PoseFactors, *, wide: bool

@@ -20,6 +20,25 @@ def paint(field, kernel, columns, rows):
 
 
 @njit(cache=True, nogil=True)
+def paint_free(field, x, y, to_x, to_y, short, below, value):
+    """Lower cells of the field (H, W) to `value` along beams from (x, y), lengths in cells.
+
+    to_x, to_y  (n,) where they end; short: so much before that nothing is known to be free
+    below       cells that hold more stay as they are: others saw something there
+    """
+    height, width = field.shape
+    for i in range(to_x.size):
+        dx, dy = to_x[i] - x, to_y[i] - y
+        length = math.hypot(dx, dy)
+        steps = int(2.0 * (length - short))
+        for k in range(steps):
+            share = 0.5 * k / length
+            r, c = int(y + share * dy), int(x + share * dx)
+            if 0 <= r < height and 0 <= c < width and field[r, c] < below:
+                field[r, c] = value
+
+
+@njit(cache=True, nogil=True)
 def best_pose(field, points, at, mean, precision, reach, step, turns, turn, scale):
     """Return (score, x, y, yaw), the best pose on a lattice around `at`.
 

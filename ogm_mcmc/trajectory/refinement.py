@@ -45,9 +45,10 @@ FITTING_SHARE = 0.6
 ASTRAY = LookUp(reach_rad=0.7)
 
 # At the end no scan may fit better near by, nor far off one that fits badly. Where any does,
-# alignment begins again from the third stage, so many times at most.
-NEAR_BY = LookUp(reach_m=0.5, reach_rad=0.5)
-FAR_OFF = LookUp(reach_m=4.0, reach_rad=1.25, step_m=0.2, step_rad=0.05)
+# alignment begins again from the third stage, so many times at most. By then poses are good enough
+# to say where others looked through.
+NEAR_BY = LookUp(reach_m=0.5, reach_rad=0.5, in_free=0.01)
+FAR_OFF = LookUp(reach_m=4.0, reach_rad=1.25, step_m=0.2, step_rad=0.05, in_free=0.01)
 RECHECKS = 2
 
 # Stages that a search begins with, and that its look-up of astray scans is followed by.

@@ -1,10 +1,13 @@
 """Looking scans up in what others saw."""
 
+from dataclasses import replace
+
 import numpy as np
 from support.rooms import path_through, scans_of
 
 from ogm_mcmc.geometry import PoseBelief
 from ogm_mcmc.trajectory.correlative import LookUp, look_up_in_turn, recheck, relocate
+from ogm_mcmc.trajectory.correlative_kernels import paint_free
 from ogm_mcmc.trajectory.factors import PoseFactors
 from ogm_mcmc.trajectory.points import ScanPoints, poses_of
 
@@ -48,3 +51,29 @@ def test_poses_that_fit_better_elsewhere_are_given_up_and_no_others() -> None:
     assert np.abs(found[moved] - TRUTH[moved]).max() < 0.1
     again = recheck(POINTS, found, factors_around(TRUTH), around, far)
     np.testing.assert_array_equal(again, found)
+
+
+def test_a_scan_that_fits_two_places_alike_lies_where_nobody_looked_through() -> None:
+    """One scan saw a wall at 2 m on the right, at 3 m on the left, the other one long wall."""
+    y = np.linspace(-1.0, 1.0, 41)
+    seen = np.column_stack((np.where(y < 0.0, 2.0, 3.0), y))
+    local = np.concatenate((seen, np.column_stack((np.ones_like(y), y))))
+    starts = np.array([0, 41, 82])
+    points = ScanPoints(local, np.repeat([0, 1], 41), starts)
+    poses = np.array([(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)])  # the long wall at 2 m
+    factors = factors_around(np.array([(0.0, 0.0, 0.0), (1.4, 0.0, 0.0)]))
+    settings = LookUp(reach_m=0.8, reach_rad=0.05)
+    blind = relocate(points, poses, factors, settings, np.array([1]))
+    assert blind[1, 0] < 1.2
+    knowing = relocate(points, poses, factors, replace(settings, in_free=0.01), np.array([1]))
+    assert abs(knowing[1, 0] - 2.0) < 0.15
+
+
+def test_beams_make_free_what_they_pass_and_nothing_else() -> None:
+    field = np.zeros((20, 30), np.float32)
+    field[10, 8], field[10, 9] = 0.3, 0.8  # something was seen here, a little and for sure
+    paint_free(field, 2.5, 10.5, np.array([22.5, 2.6]), np.array([10.5, 10.5]), 4.0, 0.5, -2.0)
+    expected = np.zeros_like(field)
+    expected[10, 2:19] = -2.0
+    expected[10, 9] = 0.8
+    np.testing.assert_array_equal(field, expected.astype(np.float32))
