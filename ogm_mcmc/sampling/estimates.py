@@ -18,8 +18,10 @@ __all__ = [
 # A cell that is the same in all draws is shown if the prior alone seldom does that.
 SAME_BY_CHANCE = 0.05
 
-# A guess at a probability is no surer than this: it is none of the draws.
-CERTAIN = 1e-6
+# A guess at a probability is no surer than this: it is none of the draws. Sure to be free is told
+# finely, because it orders cells: with a millionth as on the other side the ROC area of the
+# demo's office, all beams, was 0.984 instead of 0.994.
+SURELY_FREE, SURELY_OCCUPIED = 1e-30, 1.0 - 1e-6
 
 # Differences of probabilities that are smaller than this are rounding.
 IMPOSSIBLE = 1e-15
@@ -99,6 +101,6 @@ def with_one_more_draw(mean: GridMap, guess: GridMap, draws: int) -> GridMap:
     F1, Brier score and calibration error are the same to three digits.
     """
     p = mean.probability
-    bounded = np.clip(guess.probability, CERTAIN, 1.0 - CERTAIN)
+    bounded = np.clip(guess.probability, SURELY_FREE, SURELY_OCCUPIED)
     moved = (draws * p + bounded) / (draws + 1)
     return GridMap(mean.spec, np.where(np.isnan(bounded), p, moved).astype(np.float32))

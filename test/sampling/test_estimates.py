@@ -49,6 +49,12 @@ def test_a_guess_orders_what_draws_tie_and_moves_nothing_further_than_one_draw_w
     mean = row(0.0, 0.0, 0.25, 1.0, 1.0, 0.0, math.nan)
     guess = row(0.4, 0.0, 0.65, 0.2, 1.0, math.nan, 0.3)
     found = with_one_more_draw(mean, guess, 4).probability[0]
-    assert found[:6] == approx([0.08, 2e-7, 0.33, 0.84, 1.0, 0.0], rel=1e-5)
+    assert found[:6] == approx([0.08, 2e-31, 0.33, 0.84, 1.0, 0.0], rel=1e-5)
+    # What no draw shows is told apart as finely as the guess does, sure as it is.
+    sure = row(*[0.0] * 7)
+    guess = row(1e-4, 1e-7, 1e-12, 1e-20, 1e-28, 1e-29, 1e-30)
+    ordered = with_one_more_draw(sure, guess, 500).probability[0]
+    assert (np.diff(ordered) < 0.0).all()
+    assert ordered[-1] > 0.0
     assert found[4] < 1.0
     assert math.isnan(found[6])
