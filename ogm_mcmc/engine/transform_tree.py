@@ -1,15 +1,16 @@
 """A tf buffer without ROS: transforms in, the pose of one frame in another at a stamp out.
 
 It answers as tf2 does: every edge is interpolated at the stamp asked for (translation straight,
-orientation by slerp), nothing is extrapolated, static edges hold always, an entry that repeats a
-stamp replaces the one there, and a frame that gets another parent keeps the old one up to the
-first entry under the new one. Beyond tf2:
+orientation by slerp), nothing is extrapolated, static edges hold always, and a frame that gets
+another parent keeps the old one up to the first entry under the new one. Beyond tf2:
 
 - A static transform that is corrected counts from its own stamp on (from its arrival, where the
   stamp says nothing), so that earlier scans keep the mount they were taken with.
 - Entries further apart than a limit are not interpolated. The limit holds for every edge that
   moves, map -> odom as well: localizers repeat that one even while nothing changes, and one that
   fell silent has lost its place.
+- An entry that repeats a stamp replaces the one there. tf2 keeps both, and up to that stamp
+  interpolates towards the first of them.
 
 Why not pytransform3d's TemporalTransformManager: it needs SciPy, takes whole arrays at once
 rather than entries as they come, copies all matrices of the graph for a path, keeps times in
