@@ -11,7 +11,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import MapMetaData, OccupancyGrid
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_srvs.srv import Trigger
-from support.nav2_rules import FREE, WALL, amcl_cells, static_layer_cells
+from support.nav2_rules import FREE, WALL, StaticLayer, amcl_cells, static_layer_cells
 from support.ros import NodeProcess, Observer, takes_scans
 
 from ogm_mcmc.config import MapperConfig
@@ -67,6 +67,22 @@ def drive(observer, bag, key, *extra):
     observer.until(lambda: values_of(reports)[key] == str(SCANS))
 
 
+def assert_settings_do_not_matter(msg):
+    """The static layer takes a map, and its walls stay walls however it is set."""
+    layer = StaticLayer()
+    layer.take_map(msg)
+    assert layer.refused == []
+    values = as_array(msg)
+    assert np.array_equal(layer.costs, static_layer_cells(values))
+    for lethal in (1, 65, 100):
+        for trinary in (True, False):
+            costs = static_layer_cells(values, lethal, trinary=trinary)
+            assert np.array_equal(costs, layer.costs)
+    blind = static_layer_cells(values, track_unknown=False)
+    assert np.array_equal(blind == WALL, layer.costs == WALL)
+    assert (blind[values == -1] == FREE).all()
+
+
 def test_planners_and_amcl_see_every_wall_of_the_live_map(bag):
     probability = mapped(bag, MapperConfig(log_odds_limit=3.5))
     parameters = {'map_update_interval': 0.1, 'log_odds_limit': 3.5, 'no_return': 'clear'}
@@ -86,6 +102,7 @@ def test_planners_and_amcl_see_every_wall_of_the_live_map(bag):
             assert np.array_equal(cells == WALL, walls)
             assert np.array_equal(cells == FREE, free)
         assert 0 < walls.sum() < free.sum()
+        assert_settings_do_not_matter(maps[-1])
         # What the same rules make of the probabilities: no wall is left.
         percent = occupancy_values(probability)
         observer.until(lambda: np.array_equal(as_array(percents[-1]), percent))
@@ -126,6 +143,7 @@ def test_planners_and_amcl_see_every_wall_of_the_refined_map(bag):
             return set(np.unique(values)) == {-1, 0, 100}
 
         observer.until(same_map)
+        assert_settings_do_not_matter(maps[-1])
         observer.until(lambda: bool(extents) and extents[-1] == maps[-1].info)
         late = observer.collect(MapMetaData, 'map_refined_metadata', VOLATILE)
         observer.until(lambda: bool(late))
