@@ -46,8 +46,8 @@ PATIENCE = 10.0
 DROP_REASONS = {
     'scan_out_of_order': 'it is older than the scan before it, or the same scan again',
     'scan_unstamped': 'its stamp is 0, as that of the scan before it',
-    'scan_jumped_back': 'its stamp is more than 1 s before the scan before it, or again and again: '
-    'time started again, as of a bag that is played anew',
+    'scan_jumped_back': 'its stamp is more than 1 s before the scan before it, or again and again; '
+    'time started again',
     'pose_out_of_order': 'the pose is not later than the pose before it',
     'pose_jumped_back': 'the pose goes back more than 1 s, or again and again; history restarted',
     'before_restart': 'it waited for a pose when time started again',

@@ -444,6 +444,17 @@ def test_a_correction_of_the_past_is_a_warning(tf_bench):
     assert line.startswith('map -> odom moved the robot by 0.80 m and 0.0 degrees at once')
 
 
+def test_one_transform_from_the_far_future_does_not_end_the_mapping(tf_bench):
+    """The others of its frame are older than it and would be dropped for ever."""
+    taken = tf_bench(pose_source='tf')
+    taken.tf(('map', 'odom', 2e9))
+    for k in range(30):
+        time_s = 1.0 + 0.1 * k
+        taken.tf(('map', 'odom', time_s), ('odom', 'base_link', time_s))
+        taken.scan(time_s, frame='base_link')
+    assert len(taken.used) > 15
+
+
 def test_transforms_that_are_none_are_counted(tf_bench):
     taken = tf_bench()
     taken.tf(('map', 'map', 1.0), ('map', 'odom', 1.0, math.nan), ('odom', 'base_link', 1.0))
