@@ -46,7 +46,7 @@ PATIENCE = 10.0
 DROP_REASONS = {
     'scan_out_of_order': 'it is older than the scan before it, or the same scan again',
     'scan_unstamped': 'its stamp is 0, as that of the scan before it',
-    'scan_jumped_back': 'its stamp is over 1 s before that of the last, or it lags on and on: restarted',
+    'scan_jumped_back': 'its stamp is more than 1 s before the scan before it, or again and again',
     'pose_out_of_order': 'the pose is not later than the pose before it',
     'pose_jumped_back': 'the pose goes back more than 1 s, or again and again; history restarted',
     'before_restart': 'it waited for a pose when time started again',
