@@ -133,7 +133,8 @@ class ChainConfig:
     )
     burn_in: int = setting(
         50,
-        'number of sweeps of each chain that are not counted; 10 at most for chains that go on '
+        'largest number of sweeps of each chain that are not counted; of 40 or more the second '
+        'half is left out, by eighths, where the chains agree; 16 at most for chains that go on '
         'with up to a tenth of new scans',
         low=0,
         high=10**9,

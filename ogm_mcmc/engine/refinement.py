@@ -187,7 +187,7 @@ class Refinement:
             if self._table is not None:
                 starts = forgotten(model, starts, chain.seed, only)
         burn_in = min(chain.burn_in, WARM_BURN_IN) if soon else chain.burn_in
-        sampler = PosteriorSampler(model, starts, seed=chain.seed, burn_in=burn_in)
+        sampler = PosteriorSampler(model, starts, seed=chain.seed, burn_in=burn_in, may_end=True)
         if self.sampler is not None:
             # From the seed, chains would repeat the numbers that brought them where they are. The
             # generators are in a saved state, too: chains taken up again draw the same from here.

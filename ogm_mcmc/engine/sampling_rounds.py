@@ -65,7 +65,8 @@ class SamplingRounds:
                 reason = 'time'
             elif cancelled():
                 reason = 'cancelled'
-            if reason or (now - judged_at) * JUDGING_SHARE >= judging_s:
+            due = (now - judged_at) * JUDGING_SHARE >= judging_s
+            if reason or due or 0 <= sampler.counted - MIN_COUNTED < n:
                 self._judge(sampler)
                 judged_at = time.monotonic()
                 judging_s = judged_at - now

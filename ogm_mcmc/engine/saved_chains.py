@@ -23,8 +23,9 @@ from ogm_mcmc.sampling.gibbs_kernels import PARTS
 
 __all__ = ['load_chains', 'save_chains', 'saved_settings']
 
-# Of 1 sweeps were counted, not parts of them; up to 2 where chains look most followed from counts.
-VERSION = 3
+# Of 1 sweeps were counted, not parts of them; up to 2 where chains look most followed from counts;
+# up to 3 it was decided later, and a burn-in never ended early.
+VERSION = 4
 
 
 def save_chains(sampler: PosteriorSampler, path: Path, settings: dict[str, Any]) -> None:
@@ -44,6 +45,7 @@ def save_chains(sampler: PosteriorSampler, path: Path, settings: dict[str, Any])
         'sweeps': sampler.sweeps,
         'focus_after': [focus.after for _, focus in sorted(sampler.focus.items())],
         'burn_in': sampler.burn_in,
+        'may_end': sampler.may_end,
         'n_cells': sampler.model.n_cells,
         'touched': int(sampler.model.touched.size),
         'log_likelihoods': sampler.log_likelihoods(),
@@ -83,6 +85,9 @@ def load_chains(
         sampler.settling = [
             _counts_in(held, chains + j, model.touched.size) for j in range(settling)
         ]
+        if len({counts.n_sweeps for counts in sampler.settling}) > 1:
+            raise ValueError('burn-in of other lengths: expected the same of every chain')
+        sampler.may_end = bool(header['may_end']) and settling > 0
         _take_focus(held, sampler, header['focus_after'])
         if chains != header['chains']:
             raise ValueError(f'{header["chains"]} chains: expected as many generators')

@@ -255,14 +255,14 @@ class _DistantSampler(PosteriorSampler):
         self, here: PosteriorSampler, problem: Problem, parcel: bytes, executor: Executor
     ) -> None:
         super().__init__(here.model, [], seed=0, burn_in=here.burn_in)
+        self.may_end = here.may_end
         self.rngs, self.states, self.counts = here.rngs, here.states, here.counts
         self.sweeps, self.settling, self.focus = here.sweeps, here.settling, here.focus
         self._problem, self._executor = problem, executor
         self._parcel = parcel
         self._shared: Any = None  # what stands for the parcel once it was sent
 
-    def advance(self, n_sweeps: int) -> int:
-        """Do so many sweeps in every chain; return the number of flips in all."""
+    def _advance_all(self, n_sweeps: int) -> int:
         results = self._sent(n_sweeps)
         for j, (chain, _) in enumerate(results):
             cells = np.unpackbits(chain.cells, count=self.model.n_cells)

@@ -13,7 +13,7 @@ import numpy as np
 from ogm_mcmc.arrays import AnyArray, BoolArray, Float32Array, Float64Array
 from ogm_mcmc.sampling.gibbs_kernels import PARTS
 
-__all__ = ['BatchCounts', 'ChainQuality', 'assess', 'split_r_hat']
+__all__ = ['BatchCounts', 'ChainQuality', 'assess', 'later_halves', 'split_r_hat']
 
 MAX_BATCHES = 16
 LARGEST_UINT16 = 65_535
@@ -168,12 +168,33 @@ def assess(chains: list[BatchCounts]) -> ChainQuality | None:
     n_batches, length = first.full, first.batch_length
     if length == 1:
         return None
+    draws, n_cells = n_batches * len(chains) * length, first.counts.shape[1]
+    # Most cells are the same in all maps: what is known of one such cell serves them all.
+    lowest, highest = _extremes(chains)
+    moved = np.flatnonzero((lowest < length * PARTS) & (highest > 0))
+    r_hat, ess = np.ones(n_cells, np.float32), np.full(n_cells, draws, np.float32)
+    mean = (lowest > 0).astype(np.float32)
+    mcse = np.full(n_cells, _errors(np.zeros(1), np.array([float(draws)]))[0], np.float32)
+    found = _assessed([chain.batches()[:, moved] for chain in chains], length)
+    for whole, part in zip((r_hat, ess, mcse, mean), found, strict=True):
+        whole[moved] = part
+    return ChainQuality(r_hat, ess, mcse, mean, draws, len(chains))
+
+
+def _extremes(chains: list[BatchCounts]) -> tuple[AnyArray, AnyArray]:
+    """Return the lowest and the highest count (C,) of all full batches."""
+    lowest = np.min([chain.batches().min(axis=0) for chain in chains], axis=0)
+    highest = np.max([chain.batches().max(axis=0) for chain in chains], axis=0)
+    return lowest, highest
+
+
+def _assessed(chains: list[AnyArray], length: int) -> tuple[AnyArray, ...]:
+    """Return R-hat, ESS, standard error and mean (C,) from batches (B, C) of each chain."""
+    n_batches, n_cells = chains[0].shape
     half = n_batches // 2
-    n_cells = first.counts.shape[1]
     halves = np.empty((2 * len(chains), n_cells))
     total, squares = np.zeros(n_cells), np.zeros(n_cells)
-    for j, chain in enumerate(chains):
-        counts = chain.batches()
+    for j, counts in enumerate(chains):
         halves[2 * j] = counts[:half].sum(axis=0, dtype=np.float64)
         halves[2 * j + 1] = counts[n_batches - half :].sum(axis=0, dtype=np.float64)
         for batch in counts:
@@ -190,15 +211,26 @@ def assess(chains: list[BatchCounts]) -> ChainQuality | None:
     with np.errstate(divide='ignore', invalid='ignore'):
         ess = mean * (1.0 - mean) / variance
     ess = np.clip(np.nan_to_num(ess, nan=draws, posinf=draws), 1.0, draws)
+    return split_r_hat(halves, half * length), ess, _errors(mean, ess), mean
+
+
+def _errors(mean: Float64Array, ess: Float64Array) -> Float64Array:
     likely = (ess * mean + 2.0) / (ess + 4.0)
-    return ChainQuality(
-        split_r_hat(halves, half * length),
-        ess.astype(np.float32),
-        np.sqrt(likely * (1.0 - likely) / ess).astype(np.float32),
-        mean.astype(np.float32),
-        draws,
-        len(chains),
-    )
+    errors: Float64Array = np.sqrt(likely * (1.0 - likely) / ess)
+    return errors
+
+
+def later_halves(chains: list[BatchCounts]) -> tuple[Float64Array, int]:
+    """Return means (2 n, C) of two halves of the later two thirds of n chains, and their length.
+
+    Of chains of equal length, of at least 3 full batches.
+    """
+    first = chains[0]
+    half = (first.full - first.full // 3) // 2
+    last = [chain.batches()[first.full - 2 * half :] for chain in chains]
+    parts = [part.sum(axis=0, dtype=np.int64) for rows in last for part in np.split(rows, 2)]
+    length = half * first.batch_length
+    return np.array(parts) / (length * PARTS), length
 
 
 def _quantile(values: Float32Array, share: float) -> float:

@@ -12,7 +12,13 @@ from numpy.random import Generator
 from ogm_mcmc.arrays import AnyArray, BoolArray, Float32Array, UInt8Array
 from ogm_mcmc.errors import require
 from ogm_mcmc.sampling.cell_gibbs import GibbsState
-from ogm_mcmc.sampling.diagnostics import MAX_BATCHES, BatchCounts, ChainQuality, assess
+from ogm_mcmc.sampling.diagnostics import (
+    BatchCounts,
+    ChainQuality,
+    assess,
+    later_halves,
+    split_r_hat,
+)
 from ogm_mcmc.sampling.gibbs_kernels import NO_CHANCE, PARTS, add_occupied
 
 __all__ = ['Estimate', 'Focus', 'PosteriorModel', 'PosteriorSampler']
@@ -28,6 +34,15 @@ LEAST_LOOK = 8
 
 FRESH = 2
 """So many sweeps draw everything after each change of the focus, before it holds."""
+
+END_LOOKS = (4, 5, 6, 7)
+"""After so many eighths of a burn-in chains are asked whether it may end."""
+
+LEAST_BURN_IN = 40
+"""A shorter one is done whole."""
+
+AGREEING = 1.05, 0.99
+"""R-hat of so many of the informed cells is below this where a burn-in may end."""
 
 
 class PosteriorModel(Protocol):
@@ -121,8 +136,12 @@ class PosteriorSampler:
     Each chain has a child of the seed as its generator, so the result is the same however threads
     are scheduled and whatever number of sweeps is asked for at a time.
 
+    With `may_end` the burn-in, of at least `LEAST_BURN_IN` sweeps, is no longer than it has to be:
+    from its half on it ends where the chains agree about the later two thirds of it. `burn_in` is
+    then what it was. It is sweeps that do not count which say so; those that count do not.
+
     Sweeps look most where there is doubt: in cells that a chain's own maps disagree about and at
-    which a ray arrives. Which these are is decided in the burn-in, after 16 of its sweeps, 32, ...
+    which a ray arrives. Which these are is decided in the burn-in, after 8 of its sweeps, 16, ...
     and two before its end, from all but the first quarter of the sweeps up to then; no sweep that
     counts has a say. Were the focus to follow the counts it would bias them: a cell that happened
     to stay free is drawn seldom from then on, and would keep what it was chosen for. So after each
@@ -146,9 +165,11 @@ class PosteriorSampler:
         *,
         seed: int | Sequence[int],
         burn_in: int,
+        may_end: bool = False,
     ) -> None:
         self.model = model
         self.burn_in = burn_in
+        self.may_end = may_end and burn_in >= LEAST_BURN_IN
         self.sweeps = 0
         self.rngs = np.random.default_rng(seed).spawn(len(starts))
         with ThreadPoolExecutor(max(len(starts), 1)) as pool:
@@ -160,13 +181,41 @@ class PosteriorSampler:
 
     def advance(self, n_sweeps: int) -> int:
         """Do so many sweeps in every chain; return the number of flips in all."""
+        flips, left = 0, n_sweeps
+        for look in self._end_looks():
+            if self.sweeps < look <= self.sweeps + left:
+                left -= look - self.sweeps
+                flips += self._advance_all(look - self.sweeps)
+                self._end_burn_in()
+        flips += self._advance_all(left)
+        if self.counted > 0 and self.counts[0].merged is not None and not self._helping():
+            self.settling = []
+        return flips
+
+    def _advance_all(self, n_sweeps: int) -> int:
+        """Do so many sweeps in every chain, in none of which the burn-in may end early."""
         n_chains = len(self.states)
         with ThreadPoolExecutor(n_chains) as pool:
             flips = sum(pool.map(self._advance_one, range(n_chains), [n_sweeps] * n_chains))
         self.sweeps += n_sweeps
-        if self.counted > 0 and self.counts[0].merged is not None and not self._helping():
-            self.settling = []
         return flips
+
+    def _end_looks(self) -> list[int]:
+        """Return after how many sweeps it is decided whether the burn-in ends two later."""
+        if not self.may_end or self.sweeps >= self.burn_in:
+            return []
+        return [self.burn_in * eighths // 8 - FRESH for eighths in END_LOOKS]
+
+    def _end_burn_in(self) -> None:
+        """Let the burn-in end after the sweeps of the last focus, if the chains agree by now."""
+        if not self.may_end:
+            return  # it did at an earlier look
+        halves, length = later_halves(self.settling)
+        mean = halves.mean(axis=0).astype(np.float32)
+        informed = self.arrival(mean)[self.model.touched] >= ARRIVES
+        limit, share = AGREEING
+        if np.mean(split_r_hat(halves[:, informed], length) < limit) >= share:
+            self.burn_in, self.may_end = self.sweeps + FRESH, False
 
     def _advance_one(self, chain: int, n_sweeps: int) -> int:
         flips = 0
@@ -206,7 +255,7 @@ class PosteriorSampler:
     def decides_after(self, done: int) -> bool:
         """Whether it is decided after so many sweeps where to look most: in the burn-in only."""
         last = self.burn_in - FRESH
-        return LEAST_LOOK <= done == last or (MAX_BATCHES <= done < last and done.bit_count() == 1)
+        return LEAST_LOOK <= done == last or (LEAST_LOOK <= done < last and done.bit_count() == 1)
 
     def look_at(self, chain: int, after: int, cells: BoolArray) -> None:
         """Let a chain look most at these of the touched cells, see `Focus`."""

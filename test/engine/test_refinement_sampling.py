@@ -17,6 +17,7 @@ from support.refinements import (
 from ogm_mcmc.config import (
     StopConfig,
 )
+from ogm_mcmc.engine import sampling_rounds
 from ogm_mcmc.engine.refinement import Refinement
 from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.lab.exact import enumerate_maps
@@ -98,12 +99,21 @@ def test_converged_as_reason():
     assert 0.0 < last.mcse_max < 0.5
 
 
+def test_chains_are_judged_as_soon_as_they_may_stop(monkeypatch):
+    """Whatever share of the time judging may take."""
+    monkeypatch.setattr(sampling_rounds, 'JUDGING_SHARE', 0.0)
+    refinement = taken(FIRST, burn_in=30)
+    rounds = run(refinement, max_sweeps=500, r_hat=10.0, agreeing_share=0.0)
+    assert [p.counted >= sampling_rounds.MIN_COUNTED for p in rounds[-2:]] == [False, True]
+    assert rounds[-1].reason == 'converged'
+
+
 def test_limits_that_contradict_each_other_are_refused_at_once():
-    refinement = taken(FIRST, burn_in=100)
-    with pytest.raises(ConfigError, match=r'max_sweeps is 100: expected more than burn_in \(100'):
-        refinement.run(StopConfig(max_sweeps=100))
+    refinement = taken(FIRST, burn_in=30)
+    with pytest.raises(ConfigError, match=r'max_sweeps is 30: expected more than burn_in \(30'):
+        refinement.run(StopConfig(max_sweeps=30))
     assert refinement.sampler.sweeps == 0
-    run(refinement, max_sweeps=101)
+    run(refinement, max_sweeps=31)
     # The burn-in is over: what comes counts.
     assert run(refinement, max_sweeps=5)[-1].counted == 6
 

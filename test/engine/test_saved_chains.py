@@ -11,7 +11,7 @@ from ogm_mcmc.config import ForwardModelConfig, WindowConfig
 from ogm_mcmc.engine.saved_chains import load_chains, save_chains, saved_settings
 from ogm_mcmc.errors import WindowError
 from ogm_mcmc.geometry import PlacedScan, Pose2D
-from ogm_mcmc.sampling import CellModel, RayWindow
+from ogm_mcmc.sampling import CellModel, RayWindow, posterior
 from ogm_mcmc.sampling.gibbs_kernels import PARTS
 from ogm_mcmc.sampling.informed import near
 from ogm_mcmc.sampling.posterior import ARRIVES, SETTLED
@@ -36,7 +36,7 @@ def test_saved_chains_go_on_as_if_nothing_had_happened(tmp_path, sweeps):
     ('burn_in', 'saved_at', 'after'),
     [
         (2, 41, 0),
-        (20, 16, 0),
+        (20, 8, 0),
         (20, 17, 16),
         (20, 19, 18),
         (20, 25, 18),
@@ -53,6 +53,19 @@ def test_where_sweeps_look_most_is_the_same_after_saving(tmp_path, burn_in, save
     taken_up, _ = load_chains(tmp_path / 'state.npz', patch_model())
     assert [focus.after for focus in taken_up.focus.values()] == ([after] * 2 if after else [])
     taken_up.advance(burn_in + 98 - saved_at)
+    assert_same(taken_up, whole)
+
+
+@pytest.mark.parametrize('saved_at', [100, 198, 199, 230, 260])
+def test_a_burn_in_ends_alike_after_saving(tmp_path, saved_at, monkeypatch):
+    monkeypatch.setattr(posterior, 'AGREEING', (1.2, 0.9))
+    whole, first = (sampler_of(patch_model(), burn_in=400, may_end=True) for _ in range(2))
+    whole.advance(300)
+    assert whole.counted > 0
+    first.advance(saved_at)
+    save_chains(first, tmp_path / 'state.npz', {})
+    taken_up, _ = load_chains(tmp_path / 'state.npz', patch_model())
+    taken_up.advance(300 - saved_at)
     assert_same(taken_up, whole)
 
 
@@ -150,7 +163,7 @@ def rewritten(path, header=None, **arrays):
     'change',
     [
         {'header': {'version': 1}},
-        {'header': {'version': 4}},
+        {'header': {'version': 5}},
         {'header': {'focus_after': [3, 3]}},
         {'header': {'focus_after': [16]}},
         {'header': {'chains': 3}},
@@ -193,11 +206,11 @@ def test_another_window_is_refused(saved):
     assert 'this window' in refused(saved, same_size)
 
 
-@pytest.mark.parametrize('version', [1, 2])
+@pytest.mark.parametrize('version', [1, 2, 3])
 def test_a_state_of_an_older_version_is_refused_for_that(saved, version):
     """Before its settings are compared, of which some did not exist then."""
     rewritten(saved, header={'version': version, 'settings': {}})
-    with pytest.raises(WindowError, match=f'state of version {version}: expected 3') as caught:
+    with pytest.raises(WindowError, match=f'state of version {version}: expected 4') as caught:
         saved_settings(saved)
     assert '\n' not in str(caught.value)
     assert refused(saved) == str(caught.value)

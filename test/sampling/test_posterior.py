@@ -11,9 +11,10 @@ from ogm_mcmc.config import ForwardModelConfig, WindowConfig
 from ogm_mcmc.engine.prior_files import default_prior_file, load_prior
 from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.geometry import CellBox, PlacedScan, Pose2D
-from ogm_mcmc.sampling import PosteriorSampler, RayWindow, over_dispersed_starts
+from ogm_mcmc.sampling import PosteriorSampler, RayWindow, over_dispersed_starts, posterior
 from ogm_mcmc.sampling.cell_gibbs import GibbsState
 from ogm_mcmc.sampling.chain_starts import forgotten
+from ogm_mcmc.sampling.diagnostics import split_r_hat
 from ogm_mcmc.sampling.gibbs_kernels import PARTS
 from ogm_mcmc.sampling.patch_gibbs import PatchModel
 from ogm_mcmc.sampling.patch_places import DULL_TURNS
@@ -256,7 +257,8 @@ def test_where_sweeps_look_does_not_bias_what_they_find(burn_in):
 
 
 @pytest.mark.parametrize(
-    ('burn_in', 'expected'), [(40, [16, 32, 38]), (20, [16, 18]), (10, [8]), (9, []), (0, [])]
+    ('burn_in', 'expected'),
+    [(40, [8, 16, 32, 38]), (20, [8, 16, 18]), (10, [8]), (9, []), (0, [])],
 )
 def test_where_sweeps_look_is_decided_in_the_burn_in(burn_in, expected):
     """And everything is drawn twice before that holds; so counted sweeps are all alike."""
@@ -280,3 +282,45 @@ def test_where_sweeps_look_is_decided_in_the_burn_in(burn_in, expected):
     every = range(burn_in + 70) if not expected else [*range(expected[0]), *expected]
     assert whole == sorted({*every, *(after + 1 for after in expected)})
     assert sampler.settling == []
+
+
+@pytest.mark.parametrize('ends', [True, False])
+def test_a_burn_in_ends_at_the_first_look_at_which_chains_agree(ends, monkeypatch):
+    """Looks are at its half and each eighth after that, two sweeps for the focus before these."""
+    model = patch_model()
+    sampler = sampler_of(model, burn_in=400, may_end=True)
+    share = 0.9 if ends else 1.1
+    monkeypatch.setattr(posterior, 'AGREEING', (1.2, share))
+    agreed = []
+    for done in range(1, 400):
+        sampler.advance(1)
+        if done in (198, 248, 298, 348):
+            # Chain by chain, the later two thirds of the sweeps so far, in two halves.
+            means = []
+            for counts in sampler.settling:
+                skipped = counts.full // 3
+                half = (counts.full - skipped) // 2
+                first = counts.full - 2 * half
+                for begin in (first, first + half):
+                    rows = counts.counts[begin : begin + half].astype(float)
+                    means.append(rows.sum(axis=0) / (half * counts.batch_length * PARTS))
+            informed = sampler.arrival(np.mean(means, axis=0, dtype=np.float32))[model.touched]
+            r_hat = split_r_hat(np.array(means)[:, informed >= 0.5], half * counts.batch_length)
+            agreed += [done] if np.mean(r_hat < 1.2) >= share else []
+        if agreed:
+            break
+    assert bool(agreed) == ends
+    assert sampler.burn_in == (agreed[0] + 2 if ends else 400)
+    sampler.advance(sampler.burn_in + 20 - sampler.sweeps)
+    assert sampler.counted == 20
+    if ends:
+        assert {focus.after for focus in sampler.focus.values()} == {agreed[0]}
+    at_once = sampler_of(patch_model(), burn_in=400, may_end=True)
+    at_once.advance(sampler.sweeps)
+    assert_same(at_once, sampler)
+
+
+def test_short_burn_ins_are_done_whole():
+    sampler = sampler_of(patch_model(), burn_in=39, may_end=True)
+    sampler.advance(60)
+    assert sampler.counted == 21

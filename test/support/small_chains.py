@@ -28,9 +28,9 @@ def small_model(order='fixed', *, reading=1.6, prior=0.3):
     return CellModel(window.index, float(np.log(prior / (1 - prior))), window.spec.width, order)
 
 
-def sampler_of(model, seed=7, chains=2, burn_in=5):
+def sampler_of(model, seed=7, chains=2, burn_in=5, may_end=False):
     starts = [np.full(model.n_cells, j % 2, np.uint8) for j in range(chains)]
-    return PosteriorSampler(model, starts, seed=seed, burn_in=burn_in)
+    return PosteriorSampler(model, starts, seed=seed, burn_in=burn_in, may_end=may_end)
 
 
 def patch_model():
