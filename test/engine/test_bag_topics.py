@@ -360,6 +360,21 @@ def test_a_trajectory_in_place_of_the_poses_of_the_bag(choose, scans, tmp_path):
         choose(records, trajectory=path)
 
 
+def test_between_poses_of_a_trajectory_the_robot_goes_as_odometry_says(choose, scans, tmp_path):
+    path = tmp_path / 'poses.tum'
+    path.write_text('20.0 5 0 0 0 0 0 1\n20.7 5.4 0 0 0 0 0 1\n')
+    steps = [0.0, 0.0, 0.0, 0.0, 0.1, 0.2, 0.3, 0.4]  # it stands, then it goes
+    wheels = [('/odom', stamp, ros_types.odometry(stamp, Pose2D(step), 0.0, 0.0))
+              for stamp, step in zip(STAMPS, steps, strict=True)]  # fmt: skip
+    records = [*scans(), *wheels, static('laser', 0.0, 0.0, 0.0)]
+    _, placed, said = choose(records, trajectory=path)
+    assert [one.pose.x_m - 5.0 for one in placed] == pytest.approx(steps)
+    assert said[1] == 'between poses of poses.tum motion is that of /odom 100 %'
+    _, placed, said = choose([*scans(), static('laser', 0.0, 0.0, 0.0)], trajectory=path)
+    assert placed[1].pose.x_m == pytest.approx(5.0 + 0.4 / 7.0)
+    assert 'motion' not in str(said)
+
+
 def test_stamps_of_a_trajectory_may_be_rounded(choose, scans, tmp_path):
     """By float64 to 100 ns, by a printf to milliseconds: first and last scan are placed."""
     path, records = tmp_path / 'poses.tum', [*scans(), static('laser', 0.0, 0.0, 0.0)]
