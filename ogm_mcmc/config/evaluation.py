@@ -107,7 +107,7 @@ class CollisionConfig:
 
     robot_radius: float = setting(
         0.22,
-        'collisions are those of a disc of this radius around the pose, m',
+        'radius of the robot for collision_query, m',
         low=0.0,
         high=100.0,
         live=True,

@@ -119,7 +119,8 @@ class PoseUncertainConfig:
     )
     max_particles: int = setting(
         200,
-        'of a larger cloud of particles so many are used, drawn by their weights',
+        'largest number of particles used of a cloud; of a larger one so many are drawn '
+        'by their weights',
         low=1,
         high=1_000_000,
         live=True,
@@ -147,8 +148,9 @@ class PoseUncertainConfig:
     )
     map_beams: float = setting(
         0.0,
-        'above 0: the poses are weighed by how well the scan fits the map so far; as many of its '
-        'beams count as independent; 0: weights are those of the localizer',
+        'above 0: poses are weighted by how well the scan fits the map so far, in which '
+        'this many of its beams count as independent; 0: the weights of the localizer '
+        'are used',
         low=0.0,
         high=60.0,
         live=True,
@@ -232,7 +234,7 @@ class MapperConfig:
     )
     max_cells: int = setting(
         100_000_000,
-        'a scan that would make the map larger than this many cells is dropped',
+        'largest map, cells; a scan that would make it larger is dropped',
         low=4096,
         high=4_000_000_000,
     )

@@ -60,7 +60,9 @@ class IntakeConfig:
         'map', 'frame of the map and of the poses; with pose_source odom that of the odometry'
     )
     base_frame: str = setting(
-        'base_link', 'frame the poses are of and sensors sit on; odometry names its own'
+        'base_link',
+        'frame of the robot: poses are those of this frame and sensors are mounted on '
+        'it; odometry names its own',
     )
     sensor_frame: str = setting('', 'use only scans with this frame_id; empty: all')
     pose_source: str = setting(
@@ -70,9 +72,10 @@ class IntakeConfig:
     )
     mount_source: str = setting(
         'auto',
-        'where sensors sit: mount.* parameters, or tf from base_frame to the frame of the scan; '
-        'auto: the parameters if they name a place, else tf where it is there; topic: the '
-        'parameters, else TransformStamped on mount, as `replay` sends them of sensors that move',
+        'where sensors are mounted: parameters: mount.*; tf: base_frame to the frame of '
+        'the scan; auto: the parameters if they name a place, else tf if it knows the '
+        'frame; topic: the parameters if they name a place, else TransformStamped '
+        'messages on mount, which `replay` sends for sensors that move',
         choices=('auto', 'parameters', 'tf', 'topic'),
     )
     transform_timeout: float = setting(
@@ -90,22 +93,22 @@ class IntakeConfig:
     )
     stale_after: float = setting(
         10.0,
-        'without a scan that can be used for so long the diagnostics say ERROR, s',
+        'time without a usable scan after which the diagnostics say ERROR, s',
         low=0.1,
         high=86400.0,
         live=True,
     )
     trajectory_source: str = setting(
         'path',
-        'where corrected poses of the past come from: path: nav_msgs/Path on trajectory; '
-        'slam_toolbox: its new_node_event and pose_graph; cartographer: its service '
-        'trajectory_query; the last two where their messages are installed',
+        'where corrected poses of the past come from: path: nav_msgs/Path on '
+        'trajectory; slam_toolbox: its new_node_event and pose_graph; cartographer: its '
+        'service trajectory_query. The last two need the messages of these packages',
         choices=('path', 'slam_toolbox', 'cartographer'),
     )
     correction_warning: float = setting(
         0.3,
-        'a step of map -> odom that moves the robot, or a wall 3 m away, by more than this at '
-        'once is warned about: older scans may lie wrong; 0: never, m',
+        'warn when one step of map -> odom moves the robot, or a wall 3 m away, by more '
+        'than this, m: scans mapped before may be misplaced; 0: never',
         low=0.0,
         high=1e6,
         live=True,
@@ -146,14 +149,14 @@ class OnlineMapperConfig:
     )
     keep_scans: bool = setting(
         False,
-        'keep every scan, so that a corrected trajectory (topic trajectory) places it anew; the '
-        'map is made anew in the background then',
+        'keep every scan, so that a corrected trajectory (topic trajectory) can place '
+        'it anew; the map is then made anew in the background',
     )
     keep_scans_mb: float = setting(
         500.0,
-        'keep_scans: memory for scans and their poses, MB; when it is full, scans of places and '
-        'headings that others cover go first, and are missing in a map made anew; while one is '
-        'made, the map and the poses with their doubt are there twice, which is not counted',
+        'memory for the scans of keep_scans and their poses, MB. When it is full, scans '
+        'whose place and heading others cover are removed; a map made anew lacks them. '
+        'Copies held while a map is made anew are not counted',
         low=1.0,
         high=1e6,
     )
@@ -311,7 +314,10 @@ class ReplayConfig:
     )
     trajectory_stamps: str = setting('', 'file with the stamps, for KITTI and g2o')
     map_frame: str = setting('', 'poses are computed in this frame of tf; empty: map')
-    base_frame: str = setting('', 'of this frame of tf; empty: base_link')
+    base_frame: str = setting(
+        '',
+        'poses are those of this frame of tf; empty: base_link',
+    )
     scan_topic: str = setting('', 'scans to compute poses for; empty: every laser of one robot')
     clock: bool = setting(False, 'publish /clock from the times of the recording')
     start: float = setting(0.0, 'skip this many seconds at the beginning, s', low=0.0, high=1e9)

@@ -76,7 +76,8 @@ class PatchTableConfig:
     )
     max_floor: float = setting(
         1.0,
-        'what the patches not listed of one border may weigh together; 1: what was learned',
+        'largest total probability of the patches that are treated as equally likely; '
+        '1: as learned',
         low=1e-12,
         high=1.0,
     )

@@ -211,15 +211,15 @@ class PatchConfig:
     )
     min_probability: float = setting(
         0.01,
-        'border: less likely patches are not told apart, which leaves sparsely measured space '
-        'full of specks if they are many',
+        'border: patches below this probability are treated as equally likely; the '
+        'higher it is, the more specks in sparsely measured space',
         low=0.0,
         high=0.5,
     )
     max_floor: float = setting(
         1.0,
-        'patch, border: what the patches that are not told apart may weigh together; 1: as '
-        'counted',
+        'patch, border: largest total probability of the patches that are treated as '
+        'equally likely; 1: as counted',
         low=1e-12,
         high=1.0,
     )

@@ -15,7 +15,8 @@ class TrajectoryConfig:
 
     spread: float = setting(
         0.3,
-        'standard deviation of the x and y of poses that come without any, or with 0 all over, m',
+        'standard deviation of x and y where a pose comes without a covariance or with '
+        'zeros only, m',
         low=1e-4,
         high=100.0,
     )
@@ -27,21 +28,24 @@ class TrajectoryConfig:
     )
     search: bool = setting(
         False,
-        'look scans up one by one first: for poses that are off by more than 0.3 m or 3 degrees '
-        'from one scan to the next',
+        'match scans one by one first: for poses that are off by more than 0.3 m or 3 '
+        'degrees from one scan to the next',
     )
     max_range: float = setting(
-        30.0, 'points further away than this move no pose, m; 0: none', low=0.0, high=10000.0
+        30.0,
+        'points further away than this are not used for poses, m; 0: up to range_max of the scan',
+        low=0.0,
+        high=10000.0,
     )
     rescale: bool = setting(
         True,
-        'estimate one factor for all covariances that come with poses: localizers are shy or too '
-        'sure of themselves',
+        'estimate one factor for the covariances of all poses, which localizers often '
+        'give too small or too large',
     )
     steps: bool = setting(
         True,
-        'take it that a localizer errs alike from one scan to the next: this is what holds poses '
-        'where scans have few beams',
+        'assume that the error of the localizer is similar from one scan to the next; '
+        'this holds poses where scans have few beams',
     )
     correlation: float = setting(
         -1.0,
@@ -60,7 +64,7 @@ class TrajectoryConfig:
         40, 'trajectories drawn for the standard deviations of poses', low=2, high=10000
     )
     inflation: float = setting(
-        1.25, 'standard deviations of poses are so many times those computed', low=0.1, high=10.0
+        1.25, 'factor on the computed standard deviations of the poses', low=0.1, high=10.0
     )
     seed: int = setting(1, 'seed of the trajectories drawn', low=0, high=2**63 - 1)
 

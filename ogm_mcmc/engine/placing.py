@@ -67,10 +67,25 @@ DROP_REASONS = {
 
 
 class PoseSource(Protocol):
-    """Where poses come from: a recorded history, or a tf buffer."""
+    """Where poses come from: a recorded history, or a tf buffer.
+
+    No pose is given between two that are further apart in time, or ask for faster motion.
+    """
+
+    max_gap_ns: int
+    max_speed_m_s: float
+    max_turn_rad_s: float
 
     def at(self, stamp_ns: int) -> PoseBelief:
         """Return the belief at a stamp; raises Waiting, Unplaceable or PoseError."""
+        ...
+
+    def why_not(self, stamp_ns: int) -> str:
+        """Return what is missing for a pose at a stamp, for people; empty where nothing is."""
+        ...
+
+    def stands_at(self, belief: PoseBelief, stamp_ns: int) -> bool:
+        """Return whether what came up to a stamp shows the robot standing where this has it."""
         ...
 
     def restart(self, stamp_ns: int) -> None:
@@ -267,11 +282,7 @@ class ScanPlacer:
     def _held(self, reason: str, scan: Scan, now_s: float) -> Iterator[RobotScan]:
         """Yield a scan without a pose where it shows that the robot still stands; else drop it."""
         belief = self._still.belief(scan) if reason in ('pose_timeout', 'pose_gap') else None
-        if (
-            belief is None
-            or not isinstance(self.source, PoseHistory)
-            or not self.source.stands_at(belief, scan.stamp_ns)
-        ):
+        if belief is None or not self.source.stands_at(belief, scan.stamp_ns):
             self.drop(reason, scan)
             return
         try:

@@ -90,6 +90,13 @@ class PoseHistory:
             return False
         return not jumps(belief.mean, self.beliefs[k].mean, 0)
 
+    def why_not(self, stamp_ns: int) -> str:
+        """Return which poses are known, for people."""
+        if not self.stamps:
+            return 'no pose is known'
+        first, last = self.stamps[0] / NS_PER_S, self.stamps[-1] / NS_PER_S
+        return f'poses from {first:.3f} to {last:.3f} s are known'
+
     def _forget(self, count: int) -> None:
         self._particles -= sum(map(_size, self.beliefs[:count]))
         del self.stamps[:count], self.beliefs[:count]

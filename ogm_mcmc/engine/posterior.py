@@ -39,11 +39,12 @@ class Grown(NamedTuple):
     spec: GridSpec
 
     def known(self, spec: GridSpec) -> tuple[BoolArray, AnyArray] | None:
-        """Return what a `PatchModel` of the window as it is now need not find again."""
-        if not isinstance(self.model, PatchModel):
+        """Return what a model of the window as it is now need not find again."""
+        found = self.model.found()
+        if found is None:
             return None
-        told = laid_on(self.model.told.view(np.uint8), self.spec, spec, 0)
-        return told.view(np.bool_), self.model.telling
+        told, telling = found
+        return laid_on(told.view(np.uint8), self.spec, spec, 0).view(np.bool_), telling
 
 
 def patch_prior(config: SamplerConfig) -> PatchPrior:

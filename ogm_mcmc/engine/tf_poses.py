@@ -76,6 +76,10 @@ class TfPoses:
             return str(error)
         return ''
 
+    def stands_at(self, belief: PoseBelief, stamp_ns: int) -> bool:
+        """Return False: a transform that does not come says nothing."""
+        return False
+
     def restart(self, stamp_ns: int) -> None:
         """Forget what moves where it lies ahead of a stamp: time started again there."""
         self.tree.restart(stamp_ns)

@@ -27,7 +27,6 @@ def curves_png(
     x_label: str,
     y_label: str,
     *,
-    title: str = '',
     x_limits: tuple[float, float] | None = None,
     y_limits: tuple[float, float] | None = None,
     log_y: bool = False,
@@ -47,7 +46,6 @@ def curves_png(
         axes.plot(curve.x, curve.y, curve.style, label=curve.label, linewidth=1.5)
     axes.set_xlabel(x_label)
     axes.set_ylabel(y_label)
-    axes.set_title(title)
     axes.grid(visible=True, alpha=0.3)
     if x_limits is not None:
         axes.set_xlim(*x_limits)

@@ -322,14 +322,7 @@ class ScanIntake:
             return f': {self.mounts.faults.get(scan.frame_id, "")}'
         if reason not in POSE_MISSING:
             return ''
-        source = self.placer.source
-        if isinstance(source, TfPoses):
-            why = source.why_not(scan.stamp_ns)
-        elif isinstance(source, PoseHistory) and source.stamps:
-            first, last = source.stamps[0] / 1e9, source.stamps[-1] / 1e9
-            why = f'poses from {first:.3f} to {last:.3f} s are known'
-        else:
-            why = 'no pose is known'
+        why = self.placer.source.why_not(scan.stamp_ns)
         return f': {why}; {self.watch.who_sends_poses()}'
 
     def health(self) -> Health:
@@ -351,7 +344,6 @@ class ScanIntake:
 
 def limit_poses(source: PoseSource, placing: PlacingConfig) -> None:
     """Have a source of poses keep to the limits of the parameters."""
-    if isinstance(source, PoseHistory | TfPoses):
-        source.max_gap_ns = round(placing.max_pose_gap * 1e9)
-        source.max_speed_m_s = placing.max_speed
-        source.max_turn_rad_s = placing.max_turn_rate
+    source.max_gap_ns = round(placing.max_pose_gap * 1e9)
+    source.max_speed_m_s = placing.max_speed
+    source.max_turn_rad_s = placing.max_turn_rate

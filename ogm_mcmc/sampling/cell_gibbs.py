@@ -106,6 +106,10 @@ class IndexedModel:
         """Return (K,) the chance that a ray arrives at a cell; see `informed.arrival`."""
         return arrival(self.index, self.telling, probability, least)
 
+    def found(self) -> tuple[BoolArray, AnyArray] | None:
+        """Return None: nothing was looked for."""
+        return None
+
     def forget(
         self,
         rng: Generator,

@@ -233,6 +233,10 @@ class PatchModel(IndexedModel):
         ring = ring_cells(side).astype(np.int64)
         self._ring = ring[:, 0] * width + ring[:, 1]
 
+    def found(self) -> tuple[BoolArray, AnyArray] | None:
+        """Return which cells (K,) rays tell of, and `telling` (N,): `known` of the next model."""
+        return self.told, self.telling
+
     def start(self, cells: UInt8Array) -> GibbsState:
         """Return the state of a map (K,). Raises GridError when it is of another size."""
         if cells.shape != (self.n_cells,):

@@ -60,6 +60,13 @@ class PosteriorModel(Protocol):
         """Return the state of a map (K,)."""
         ...
 
+    def found(self) -> tuple[BoolArray, AnyArray] | None:
+        """Return what a model of these rays and more need not find again; None: nothing.
+
+        See `PatchModel`: which cells (K,) rays tell of, and `telling` (N,) of the rays.
+        """
+        ...
+
     def advance(
         self,
         rng: Generator,

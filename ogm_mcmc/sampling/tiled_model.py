@@ -93,6 +93,10 @@ class TiledModel:
         """K, cells of the window."""
         return self.tiling.spec.width * self.tiling.spec.height
 
+    def found(self) -> tuple[BoolArray, AnyArray] | None:
+        """Return None: tiles are held anew when scans come in."""
+        return None
+
     def start(self, cells: UInt8Array) -> GibbsState:
         """Return the state of a map (K,); cells that are not sampled are set as in whole windows.
 

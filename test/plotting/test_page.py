@@ -53,8 +53,8 @@ def test_agreement_has_five_colours():
 
 def test_curves_are_a_picture_that_changes_with_the_curve():
     x = np.linspace(0.0, 1.0, 100_000)
-    one = curves_png([Series('a', x, x), Series('b', x, x**2)], 'x', 'y', title='both')
-    other = curves_png([Series('a', x, x), Series('b', x, x**3)], 'x', 'y', title='both')
+    one = curves_png([Series('a', x, x), Series('b', x, x**2)], 'x', 'y')
+    other = curves_png([Series('a', x, x), Series('b', x, x**3)], 'x', 'y')
     assert pixels(one).shape == (480, 640, 3)
     assert one != other
 
