@@ -66,12 +66,15 @@ class RefineWorker:
         niceness: int = 0,
         samples: int = MOST_SAMPLES,
         log: Callable[[str], object] = lambda text: None,
+        warn: Callable[[str], object] | None = None,
     ) -> None:
         self.config = config
         self.map_every_s = map_every_s
         self.state_file = state_file
         self.niceness = niceness
         self.log = log
+        self.warn = warn or log
+        self.unsaved = ''  # why the state file could not be written, the last time
         self.status = WorkerStatus()
         self.result: RefinedMap | None = None
         self.failure: BaseException | None = None
@@ -197,7 +200,7 @@ class RefineWorker:
             self._failed(f'no memory to sample {len(order.scans)} scans: expected more')
 
     def _failed(self, text: str) -> None:
-        self.log(f'not refined: {text}')
+        self.warn(f'not refined: {text}')
         # The next window may be chosen by what no return was found to mean.
         self.status = self.status._replace(no_return=self._refinement.no_return_found)
         self.status = self.status._replace(state='idle', stopped='error', error=text)
@@ -336,5 +339,10 @@ class RefineWorker:
         try:
             self._refinement.save(self.state_file)
         except OgmError as error:
-            self.log(f'state not saved: {error}')
-            self.status = self.status._replace(error=str(error))
+            if str(error) != self.unsaved:
+                self.warn(f'state not saved: {error}')
+            self.unsaved = str(error)
+        else:
+            if self.unsaved:
+                self.log(f'state saved again: {self.state_file}')
+            self.unsaved = ''

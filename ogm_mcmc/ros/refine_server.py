@@ -106,6 +106,7 @@ class RefineServer(ManagedNode):
             niceness=self.settings.niceness,
             samples=self.settings.collision_samples,
             log=self.get_logger().info,
+            warn=self.get_logger().warning,
         )
         self.maps = RefinedMaps(self, self.map_frame, self.output, self.shown)
         self.trajectory = TrajectoryPublisher(self)
@@ -235,6 +236,7 @@ class RefineServer(ManagedNode):
             **(self.corrected.values() if self.corrected else {}),
             'working': self.working,
             **status_values(status, self.sampler.window.no_return),
+            'state not saved because': self.worker.unsaved,
             'poses': self.poses.poses,
             **self.odometry.values(),
             **correction_values(None if result is None else result.trajectory),
@@ -253,7 +255,9 @@ class RefineServer(ManagedNode):
             self.get_logger().warning(f'refinement {lacking}')
         self._reported_lack = lacking
         warn = bool(self.intake.problems.new()) or (new_error and bool(status.error))
-        warn = warn or bool(lacking)
+        if self.worker.unsaved:
+            message += f'; state not saved: {self.worker.unsaved}'
+        warn = warn or bool(lacking) or bool(self.worker.unsaved)
         health = self.intake.health() if self.working else WELL
         self.diagnostics.publish(message, values, warn=warn, health=health)
 

@@ -299,7 +299,7 @@ class ScanIntake:
         logger = self.node.get_logger()
         if found.guessed:
             logger.warning(str(found))
-        else:
+        elif found.shown:
             logger.info(str(found))
 
     def on_drop(self, reason: str, scan: Scan | None) -> None:

@@ -316,13 +316,22 @@ def test_an_index_that_cannot_be_used_ends_no_worker(make, monkeypatch):
 
 
 def test_a_state_that_cannot_be_written_is_said(make, tmp_path):
-    said = []
-    worker = make(state_file=tmp_path / 'gone' / 'chains.npz', log=said.append)
-    worker.refine(scans(3), StopConfig(max_sweeps=10, r_hat=0.0))
-    until(lambda: idle(worker, 'sweeps'))
-    assert 'cannot be written' in worker.status.error
-    assert said == [f'state not saved: {worker.status.error}']
+    """Once for each reason, as a warning, and when it can be written again."""
+    said, warned, limits = [], [], StopConfig(max_sweeps=10, r_hat=0.0)
+    path = tmp_path / 'gone' / 'chains.npz'
+    worker = make(state_file=path, log=said.append, warn=warned.append)
+    for _ in range(2):
+        worker.refine(scans(3), limits)
+        until(lambda: idle(worker, 'sweeps') and worker.status.progress.sweeps > 0)
+        worker.save_state()
+        until(lambda: bool(worker.unsaved))
+    assert 'cannot be written' in worker.unsaved
+    assert warned == [f'state not saved: {worker.unsaved}']
     assert worker.result.final
+    path.parent.mkdir()
+    worker.save_state()
+    until(lambda: worker.unsaved == '')
+    assert said[-1] == f'state saved again: {path}'
 
 
 def test_an_index_is_not_waited_for(monkeypatch):

@@ -444,6 +444,14 @@ def test_a_correction_of_the_past_is_a_warning(tf_bench):
     assert line.startswith('map -> odom moved the robot by 0.80 m and 0.0 degrees at once')
 
 
+def test_of_a_sensor_in_the_frame_of_the_base_there_is_nothing_to_tell(tf_bench):
+    taken = tf_bench()
+    taken.intake.on_pose(pose(1.0))
+    taken.scan(1.0, frame='base_link')
+    assert len(taken.used) == 1
+    assert taken.logs.of('info', 'warning') == []
+
+
 def test_one_transform_from_the_far_future_does_not_end_the_mapping(tf_bench):
     """The others of its frame are older than it and would be dropped for ever."""
     taken = tf_bench(pose_source='tf')
