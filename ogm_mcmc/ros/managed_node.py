@@ -31,6 +31,7 @@ from ogm_mcmc.config.nodes import ManagedConfig
 from ogm_mcmc.errors import OgmError
 from ogm_mcmc.ros.bond import Bond
 from ogm_mcmc.ros.parameters import ParameterSet
+from ogm_mcmc.ros.python_log import PythonLog
 
 __all__ = ['ManagedNode']
 
@@ -69,6 +70,8 @@ class ManagedNode(LifecycleNode):
         self._starting = False  # by itself, until it works or somebody asks for a state
         self._warming: _Warming | None = None
         self._bond = Bond(self)
+        self._python_log = PythonLog(self)
+        self._python_log.begin()
         # rclpy raises, and the node ends, when somebody asks for a transition that does not fit.
         self._change_state = self._service_change_state.callback
         self._service_change_state.callback = self._on_change_state
@@ -120,6 +123,7 @@ class ManagedNode(LifecycleNode):
     def destroy_node(self) -> None:
         """Leave the ROS graph: rclpy destroys all but the state machine, which holds the node."""
         self._bond.end()
+        self._python_log.end()
         super().destroy_node()
         # Not by `destroy_when_not_in_use`: one that is asked for its state after that crashes.
         self.__dict__.pop('_state_machine', None)
