@@ -1,5 +1,6 @@
 """Shared fixtures: where the recorded logs are, a small bag, an isolated ROS."""
 
+import itertools
 import os
 import signal
 import subprocess
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 from support.domains import domain_of
 from support.kernel_caches import forget_stale_kernels
+from support.office import EVERY, OFFICE_SCANS
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -35,12 +37,13 @@ def data_folder() -> Path:
 
 @pytest.fixture(scope='session')
 def office_bag(tmp_path_factory) -> Path:
-    """A simulated walk: 1158 scans of 90 beams with known poses."""
+    """A simulated walk: OFFICE_SCANS scans of 90 beams with known poses."""
     from ogm_mcmc.io.recording_bag import write_recording
     from ogm_mcmc.simulation import WORLDS, Lidar, record
 
     path = tmp_path_factory.mktemp('bags') / 'office'
-    write_recording(path, record(WORLDS['office'](), Lidar(beams=90), np.random.default_rng(5)))
+    walk = record(WORLDS['office'](), Lidar(beams=90), np.random.default_rng(5))
+    write_recording(path, itertools.islice(walk, 0, EVERY * OFFICE_SCANS, EVERY))
     return path
 
 

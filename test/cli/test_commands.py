@@ -9,6 +9,7 @@ import time
 import numpy as np
 import pytest
 import yaml
+from support.office import OFFICE_SCANS
 
 from ogm_mcmc.cli.main import run
 from ogm_mcmc.io.map_files import load_map
@@ -32,7 +33,7 @@ def test_map_writes_all_files_and_says_so(run_process, office_bag, tmp_path):
     done = run_process('map', office_bag, '-o', 'out', '--json')
     assert done.returncode == 0, done.stderr
     result = json.loads(done.stdout)
-    assert result['scans_used'] == result['scans'] == 1158
+    assert result['scans_used'] == result['scans'] == OFFICE_SCANS
     assert result['dropped'] == {}
     assert set(result['files']) == {'pgm', 'yaml', 'png', 'npz'}
     assert result['settings']['fusion'] == 'per_scan'
@@ -89,7 +90,7 @@ def test_simulate_is_the_same_for_the_same_seed(run_cli, run_process, tmp_path):
     """Also in another process, where sets and dictionaries have another order."""
     maps = []
     for name, seed, simulate in (('a', 3, run_process), ('b', 3, run_cli), ('c', 4, run_cli)):
-        done = simulate('simulate', 'office', '-o', name, '--seed', seed, '--beams', 60)
+        done = simulate('simulate', 'office', '-o', name, '--seed', seed, '--beams', 24)
         assert done.returncode == 0, done.stderr
         assert run_cli('map', name, '-o', f'{name}_map').returncode == 0
         with np.load(tmp_path / f'{name}_map' / 'map.npz') as data:
@@ -108,7 +109,7 @@ def test_bench_prints_the_promised_json(run_cli, office_bag):
         assert result[part]['ns_per_cell'] > 0.0
         assert result[part]['cells'] > 100_000
     assert result['scene']['scans'] == 100
-    assert result['bag']['scans'] == 1158
+    assert result['bag']['scans'] == OFFICE_SCANS
 
 
 def test_bench_with_doubt_about_the_poses(run_cli):
@@ -210,7 +211,7 @@ def write_scan_only_bag(path):
     ids=lambda value: ' '.join(value)[:40] if isinstance(value, list) else '',
 )
 def test_a_mistake_is_one_line_and_leaves_nothing(
-    run_cli, run_process, office_bag, tmp_path, arguments, reason
+    run_cli, office_bag, tmp_path, arguments, reason
 ):
     (tmp_path / 'notes.txt').write_text('nothing of use\n')
     (tmp_path / 'typo.yaml').write_text('/**:\n  ros__parameters:\n    resolutoin: 0.2\n')
@@ -219,9 +220,7 @@ def test_a_mistake_is_one_line_and_leaves_nothing(
     (tmp_path / 'cut.npz').write_bytes(b'PK\x03\x04 and no more')
     write_scan_only_bag(tmp_path / 'scans_only')
     before = sorted(tmp_path.rglob('*'))
-    # Those with nodes are not for the process of a test that has none.
-    run = run_process if arguments[:1] in (['replay'], ['demo']) else run_cli
-    done = run(*(argument.format(bag=office_bag) for argument in arguments))
+    done = run_cli(*(argument.format(bag=office_bag) for argument in arguments))
     assert reason in error_of(done)
     left = [path for path in sorted(tmp_path.rglob('*')) if path not in before]
     assert left == []

@@ -34,7 +34,7 @@ def test_a_slow_machine_gets_more_time(at_once, calls):
 
 
 def test_demo_without_input_maps_the_simulated_building(run_process, tmp_path):
-    done = run_process('demo', '-o', 'out/demo', '--json', timeout=200)
+    done = run_process('demo', '-o', 'out/demo', '--sampling-time', '3', '--json', timeout=200)
     assert done.returncode == 0, done.stderr
     result = json.loads(done.stdout)
     assert result['scans_used'] == result['scans_received'] == 1158

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import yaml
 from PIL import Image
+from support.office import OFFICE_SCANS
 
 from ogm_mcmc.cli.main import run
 from ogm_mcmc.cli.sample import SHORT, _chosen, add_to
@@ -53,15 +54,16 @@ def probability(folder):
 
 
 def test_all_files_tell_the_same(sample, tmp_path):
-    result = sample('-o', 'out', *FEW, '--samples', '200', '--thin', '2', '--margin', '0.05')
+    dense = ('--beam-stride', '2', '--margin', '0.05')
+    result = sample('-o', 'out', *FEW, *dense, '--samples', '200', '--thin', '2')
     out = tmp_path / 'out'
     names = ('map.json', 'map.npz', 'map.pgm', 'map.png', 'map.yaml', 'map_entropy.png')
     assert sorted(path.name for path in out.iterdir()) == sorted((*names, 'map_samples.npz'))
     assert json.loads((out / 'map.json').read_text()) == result
     assert (result['reason'], result['sweeps'], result['counted']) == ('sweeps', 80, 64)
-    assert result['scans_used'] == 1158
+    assert result['scans_used'] == OFFICE_SCANS
     # A few beams of a scan are lost.
-    assert 0.99 < result['rays'] / (1158 * 15) <= 1.0
+    assert 0.99 < result['rays'] / (OFFICE_SCANS * 45) <= 1.0
     with np.load(out / 'map.npz') as data:
         mean, mcse, r_hat = data['posterior_mean'], data['mcse'], data['r_hat']
         known = data['probability']
@@ -208,7 +210,7 @@ def test_the_yaml_of_the_node_and_a_start_map(sample, tmp_path):
         (['--patch-size', '4'], 'error: patch.size is 4'),
         (['--margin', '0.6'], 'unknown_margin is 0.6'),
         (['--r-hat', '0.9'], 'r_hat is 0.9'),
-        (['--max-memory-mb', '1'], 'max_memory_mb = 1'),
+        (['--max-memory-mb', '1', '--beam-stride', '1'], 'max_memory_mb = 1'),
         (['--max-sweeps', '50'], 'expected more than burn_in (50)'),
         (['--state', 'notes.txt'], 'expected a saved sampling state'),
         (['--state', 'notes.txt/state'], 'expected a writable folder'),

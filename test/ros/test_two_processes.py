@@ -16,6 +16,7 @@ from nav_msgs.msg import OccupancyGrid
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import DescribeParameters, SetParameters
 from std_srvs.srv import SetBool, Trigger
+from support.office import OFFICE_SCANS
 from support.ros import NodeProcess, Observer, takes_scans
 
 from ogm_mcmc.config import MapperConfig, OutputConfig
@@ -71,7 +72,7 @@ def test_live_map_equals_offline_map(office_bag, mapper, tmp_path):
         with replay(office_bag, '--rate', 0) as player:
             observer.until(lambda: not player.running(), 90.0)
             assert player.wait() == 0, player.output
-        observer.until(lambda: values_of(reports)['scans used'] == '1158')
+        observer.until(lambda: values_of(reports)['scans used'] == str(OFFICE_SCANS))
         saved = observer.call(Trigger, 'online_mapper/save_map', Trigger.Request())
         pipeline = offline_pipeline(office_bag)
         view = MapView(pipeline, OutputConfig())
@@ -124,15 +125,17 @@ def test_services_and_parameters(office_bag, mapper, tmp_path):
         assert paused.success
         with replay(office_bag, '--rate', 0) as player:
             observer.until(lambda: not player.running(), 90.0)
-        observer.until(lambda: bool(reports) and values_of(reports)['scans received'] == '1158')
+        observer.until(
+            lambda: bool(reports) and values_of(reports)['scans received'] == str(OFFICE_SCANS)
+        )
         assert values_of(reports)['scans used'] == '0'
-        assert values_of(reports)['scans while paused'] == '1158'
+        assert values_of(reports)['scans while paused'] == str(OFFICE_SCANS)
 
         observer.call(SetBool, 'online_mapper/pause', SetBool.Request(data=False))
         observer.call(Trigger, 'online_mapper/reset', Trigger.Request())
         with replay(office_bag, '--rate', 0) as player:
             observer.until(lambda: not player.running(), 90.0)
-        observer.until(lambda: values_of(reports)['scans used'] == '1158')
+        observer.until(lambda: values_of(reports)['scans used'] == str(OFFICE_SCANS))
         observer.until(lambda: bool(maps) and set(np.unique(as_array(maps[-1]))) == {-1, 0, 100})
 
         assert set_parameter(observer, 'map_update_interval', 3000.0).successful
@@ -161,8 +164,8 @@ def test_services_and_parameters(office_bag, mapper, tmp_path):
     assert mapper.stop(signal.SIGTERM) == 0, mapper.output
 
 
-def more_than_500_used(reports):
-    return bool(reports) and int(values_of(reports)['scans used']) > 500
+def half_used(reports):
+    return bool(reports) and int(values_of(reports)['scans used']) > OFFICE_SCANS // 2
 
 
 def test_replay_waits_again_for_a_mapper_that_was_restarted(office_bag):
@@ -171,7 +174,7 @@ def test_replay_waits_again_for_a_mapper_that_was_restarted(office_bag):
         for _ in range(2):
             with NodeProcess('online_mapper') as node, Observer() as observer:
                 reports = observer.collect(DiagnosticArray, '/diagnostics', 10)
-                observer.until(partial(more_than_500_used, reports), 60.0)
+                observer.until(partial(half_used, reports), 60.0)
                 values = values_of(reports)
                 assert node.stop() == 0, node.output
             lost = int(values['scans received']) - int(values['scans used'])

@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+from support.office import OFFICE_SCANS
 from support.strategies import fan
 
 from ogm_mcmc.config import SamplerConfig, WindowConfig
@@ -126,7 +127,7 @@ def test_from_the_command_line(run_cli, office_bag):
     assert result['scene']['rays'] == result['scene cut at 4 sigma']['rays'] > 17_900
     assert result['scene']['pairs'] > 1.5 * result['scene cut at 4 sigma']['pairs']
     assert result['bag 40 cm']['settings']['window.no_return'] == 'ignore'
-    assert result['bag 40 cm']['scans'] == 1158
+    assert result['bag 40 cm']['scans'] == OFFICE_SCANS
 
 
 @pytest.mark.parametrize(
