@@ -3,48 +3,36 @@
 from __future__ import annotations
 
 import argparse
+import importlib
 import os
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 from ogm_mcmc import __version__
-from ogm_mcmc.cli import (
-    bench,
-    demo,
-    evaluate,
-    experiment,
-    import_carmen,
-    import_stata,
-    info,
-    learn_prior,
-    map_bag,
-    replay,
-    sample,
-    simulate,
-    warm_up,
-)
 from ogm_mcmc.cli.options import path_argument
 from ogm_mcmc.engine.signals import leave_on_signals
 from ogm_mcmc.errors import OgmError
 
 __all__ = ['run']
 
-COMMANDS = (
-    map_bag,
-    sample,
-    learn_prior,
-    import_carmen,
-    import_stata,
-    simulate,
-    evaluate,
-    experiment,
-    info,
-    replay,
-    bench,
-    warm_up,
-    demo,
-)
+# Commands and their modules; only that of the command in use is imported.
+COMMANDS = {
+    'map': 'map_bag',
+    'sample': 'sample',
+    'learn-prior': 'learn_prior',
+    'import-carmen': 'import_carmen',
+    'import-stata': 'import_stata',
+    'simulate': 'simulate',
+    'evaluate': 'evaluate',
+    'experiment': 'experiment',
+    'info': 'info',
+    'replay': 'replay',
+    'bench': 'bench',
+    'warm-up': 'warm_up',
+    'demo': 'demo',
+}
 
 
 class _Parser(argparse.ArgumentParser):
@@ -55,21 +43,23 @@ class _Parser(argparse.ArgumentParser):
         self.register('type', Path, path_argument)
 
 
-def make_parser() -> argparse.ArgumentParser:
-    """Return the parser with all commands."""
+def make_parser(commands: Iterable[str] = COMMANDS) -> argparse.ArgumentParser:
+    """Return the parser with all commands, or with some."""
     parser = _Parser(
         prog='ogm_mcmc', description='Occupancy grid maps with probabilities to believe.'
     )
     parser.add_argument('--version', action='version', version=__version__)
     subparsers = parser.add_subparsers(dest='command', required=True, metavar='COMMAND')
-    for command in COMMANDS:
-        command.add_to(subparsers)
+    for command in commands:
+        importlib.import_module(f'ogm_mcmc.cli.{COMMANDS[command]}').add_to(subparsers)
     return parser
 
 
 def run(argv: list[str] | None = None) -> int:
     """Run a command; return the exit code."""
-    options = make_parser().parse_args(argv)
+    argv = sys.argv[1:] if argv is None else argv
+    named = [word for word in argv[:1] if word in COMMANDS]
+    options = make_parser(named or COMMANDS).parse_args(argv)
     leave_on_signals()
     try:
         return int(options.run(options))

@@ -38,7 +38,9 @@ def test_robots_are_marked_on_every_map(tmp_path):
 
 
 @pytest.mark.slow
-def test_quick_run(tmp_path, caplog):
+def test_quick_run(tmp_path, caplog, monkeypatch):
+    monkeypatch.setattr(patch_toy, 'SWEEPS', {1: 60, 9: 6, 25: 4})
+    monkeypatch.setattr(patch_toy, 'FIGURE_SWEEPS', 1500)
     posterior._learned.cache_clear()
     posterior._patch_prior.cache_clear()
     result = patch_toy.run(tmp_path, quick=True, seed=1)
