@@ -1,6 +1,5 @@
 """States of the nodes, and what may be done to a running one."""
 
-import contextlib
 import gc
 import signal
 import threading
@@ -30,7 +29,7 @@ from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import LaserScan
 from std_srvs.srv import Trigger
-from support.local_ros import Logs, local_node
+from support.local_ros import Logs, local_node, spinning, spun_node
 from support.nav2_manager import LifecycleManager
 from support.ros import NodeProcess, Observer
 
@@ -159,8 +158,7 @@ def test_a_lifecycle_manager_takes_the_node_through_its_states(user, tmp_path):
 
 
 def test_the_refiner_has_the_same_states():
-    server = NodeProcess('refine_server', parameters={'autostart': False})
-    with server as node, Observer() as observer:
+    with Observer() as observer, spun_node(RefineServer, autostart=False):
         user = User(observer, 'refine_server')
         assert user.change(Transition.TRANSITION_CONFIGURE)
         assert user.change(Transition.TRANSITION_ACTIVATE)
@@ -172,9 +170,6 @@ def test_the_refiner_has_the_same_states():
         assert 'not active' in refused.message
         assert user.change(Transition.TRANSITION_CLEANUP)
         assert user.state() == 'unconfigured'
-        assert node.stop() == 0, node.output
-        observer.lets_go_of('refine_server')
-    assert 'Traceback' not in node.output, node.output
 
 
 def test_what_cannot_be_configured_is_said_and_may_be_mended(user):
@@ -187,11 +182,11 @@ def test_what_cannot_be_configured_is_said_and_may_be_mended(user):
         pass
     else:
         pytest.skip('tf is installed here')
-    with NodeProcess('online_mapper', parameters=parameters) as node:
+    with spun_node(OnlineMapper, **parameters) as node:
+        logs = Logs(node)
         assert not user.change(Transition.TRANSITION_CONFIGURE)
         assert user.state() == 'unconfigured'
-        assert node.stop() == 0, node.output
-    assert 'not configured: ' in node.output
+    assert logs.of('error')[0].startswith('not configured: ')
 
 
 class Small(ManagedNode):
@@ -372,23 +367,9 @@ def test_nav2s_manager_leads_both_nodes_through_their_states(monkeypatch):
         assert not manager.startup()
 
 
-@contextlib.contextmanager
-def spinning(*nodes):
-    done = threading.Event()
-    threads = [threading.Thread(target=node.until, args=(done.is_set, 60.0)) for node in nodes]
-    for thread in threads:
-        thread.start()
-    try:
-        yield
-    finally:
-        done.set()
-        for thread in threads:
-            thread.join()
-
-
 def test_dumped_parameters_can_be_loaded(user):
     """An equal value is no change, even of a fixed parameter; those are read-only."""
-    with NodeProcess('online_mapper') as node:
+    with spun_node(OnlineMapper):
         names = user.call('list_parameters', ListParameters).result.names
         request = GetParameters.Request(names=names)
         values = user.observer.call(GetParameters, 'online_mapper/get_parameters', request).values
@@ -411,7 +392,6 @@ def test_dumped_parameters_can_be_loaded(user):
             DescribeParameters, 'online_mapper/describe_parameters', request
         ).descriptors
         assert [one.read_only for one in described] == [True, False]
-        assert node.stop() == 0, node.output
 
 
 def test_a_peer_cannot_write_outside_of_the_folder(user, tmp_path):
@@ -422,8 +402,7 @@ def test_a_peer_cannot_write_outside_of_the_folder(user, tmp_path):
     folder.mkdir()
     for suffix in ('pgm', 'yaml', 'png'):
         (folder / f'map.{suffix}').symlink_to(outside)
-    parameters = {'save_directory': folder, 'map_update_interval': 0.1}
-    with NodeProcess('online_mapper', parameters=parameters) as node:
+    with spun_node(OnlineMapper, save_directory=str(folder), map_update_interval=0.1):
         user.drive_until_used()
         assert not user.set(save_directory=str(tmp_path)).successful
         for name in ('../map', '/tmp/map', 'a/b', '', '..', '.hidden', 'a\\b', 'a\nb', 'x' * 300):
@@ -437,18 +416,16 @@ def test_a_peer_cannot_write_outside_of_the_folder(user, tmp_path):
         assert not any(path.is_symlink() for path in folder.iterdir())
         assert user.set(save_name='floor').successful
         assert user.call('save_map').message.startswith(f'{folder / "floor.yaml"}: ')
-        assert node.stop() == 0, node.output
 
 
 def test_get_map_answers_with_the_map_as_it_is_now(user):
-    with NodeProcess('online_mapper', parameters={'map_update_interval': 1000.0}) as node:
+    with spun_node(OnlineMapper, map_update_interval=1000.0):
         empty = user.call('get_map', GetMap).map
         assert (empty.header.frame_id, empty.info.width) == ('map', 0)
         user.drive_until_used()
         got = user.call('get_map', GetMap).map
         assert set(np.unique(got.data)) == {-1, 0, 100}
         assert got.info.width * got.info.height == len(got.data)
-        assert node.stop() == 0, node.output
 
 
 def test_two_nodes_of_one_name_warn():

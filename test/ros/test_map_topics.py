@@ -11,6 +11,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import MapMetaData, OccupancyGrid
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_srvs.srv import Trigger
+from support.local_ros import replayed, spun_node
 from support.nav2_rules import FREE, WALL, StaticLayer, amcl_cells, static_layer_cells
 from support.ros import NodeProcess, Observer, takes_scans
 
@@ -20,7 +21,9 @@ from ogm_mcmc.geometry.grid_map import occupancy_values
 from ogm_mcmc.io.bags import BagReader
 from ogm_mcmc.io.recording_bag import write_recording
 from ogm_mcmc.pipeline import MappingPipeline
+from ogm_mcmc.ros.online_mapper import OnlineMapper
 from ogm_mcmc.ros.qos import LATCHED
+from ogm_mcmc.ros.refine_server import RefineServer
 from ogm_mcmc.simulation import WORLDS, Lidar, record
 
 pytestmark = [pytest.mark.ros]
@@ -56,14 +59,11 @@ def values_of(reports):
     return {item.key: item.value for item in reports[-1].status[0].values}
 
 
-def drive(observer, bag, key, *extra):
+def drive(observer, bag, key, **settings):
     """Replay a bag; wait until a node has used every scan."""
     reports = observer.collect(DiagnosticArray, '/diagnostics', 10)
     observer.until(lambda: takes_scans(reports), 200.0)
-    arguments = [str(bag), '--rate', '0', '--wait', '200', '--wait-topics', '2', *extra]
-    with NodeProcess('replay', arguments) as player:
-        observer.until(lambda: not player.running(), 60.0)
-        assert player.wait() == 0, player.output
+    replayed(bag, observer, **settings)
     observer.until(lambda: values_of(reports)[key] == str(SCANS))
 
 
@@ -86,7 +86,7 @@ def assert_settings_do_not_matter(msg):
 def test_planners_and_amcl_see_every_wall_of_the_live_map(bag):
     probability = mapped(bag, MapperConfig(log_odds_limit=3.5))
     parameters = {'map_update_interval': 0.1, 'log_odds_limit': 3.5, 'no_return': 'clear'}
-    with NodeProcess('online_mapper', parameters=parameters) as node, Observer() as observer:
+    with spun_node(OnlineMapper, **parameters), Observer() as observer:
         maps = observer.collect(OccupancyGrid, 'map', LATCHED)
         percents = observer.collect(OccupancyGrid, 'map_probability', LATCHED)
         extents = observer.collect(MapMetaData, 'map_metadata', LATCHED)
@@ -108,7 +108,6 @@ def test_planners_and_amcl_see_every_wall_of_the_live_map(bag):
         observer.until(lambda: np.array_equal(as_array(percents[-1]), percent))
         assert not (static_layer_cells(as_array(percents[-1])) == WALL).any()
         assert extents[-1].width == values.shape[1]
-        assert node.stop() == 0, node.output
 
 
 def test_planners_and_amcl_see_every_wall_of_the_refined_map(bag):
@@ -120,7 +119,7 @@ def test_planners_and_amcl_see_every_wall_of_the_refined_map(bag):
         'max_sweeps': 60,
         'r_hat': 0.0,
     }
-    with NodeProcess('refine_server', parameters=parameters) as node, Observer() as observer:
+    with spun_node(RefineServer, **parameters), Observer() as observer:
         maps = observer.collect(OccupancyGrid, 'map_refined', LATCHED)
         percents = observer.collect(OccupancyGrid, 'map_refined_probability', LATCHED)
         extents = observer.collect(MapMetaData, 'map_refined_metadata', LATCHED)
@@ -148,16 +147,15 @@ def test_planners_and_amcl_see_every_wall_of_the_refined_map(bag):
         late = observer.collect(MapMetaData, 'map_refined_metadata', VOLATILE)
         observer.until(lambda: bool(late))
         assert late[-1] == maps[-1].info
-        assert node.stop() == 0, node.output
 
 
 def test_newcomers_of_a_settled_map_get_the_current_one(bag):
     """Whatever their quality of service, and under a name that was given at the start."""
     arguments = ['--ros-args', '-r', 'map:=chart', '-r', '__ns:=/robot']
-    remap = ('--remap', 'scan=/robot/scan,pose=/robot/pose')
+    remap = {'remap': 'scan=/robot/scan,pose=/robot/pose'}
     with NodeProcess('online_mapper', arguments) as node, Observer() as observer:
         first = observer.collect(OccupancyGrid, '/robot/chart', LATCHED)
-        drive(observer, bag, 'scans used', *remap)
+        drive(observer, bag, 'scans used', **remap)
         observer.until(lambda: bool(first))
         settled = len(first)
         observer.spin_while(lambda: True, 1.5)

@@ -19,13 +19,13 @@ from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
 from sensor_msgs.msg import LaserScan
 from std_srvs.srv import Trigger
-from support.local_ros import refusal
+from support.local_ros import refusal, replayed, spun_node
 from support.ros import NodeProcess, Observer, takes_scans
 
 from ogm_mcmc.io.map_files import load_map
 from ogm_mcmc.io.recording_bag import write_recording
 from ogm_mcmc.ros.qos import LATCHED
-from ogm_mcmc.ros.refine_server import main
+from ogm_mcmc.ros.refine_server import RefineServer, main
 from ogm_mcmc.simulation import WORLDS, Lidar, record
 
 pytestmark = [pytest.mark.ros]
@@ -66,6 +66,12 @@ def server(**parameters):
     return NodeProcess('refine_server', parameters={**QUICK, **dotted})
 
 
+def server_here(**parameters):
+    """The server in this process: it starts in a fraction of the time."""
+    dotted = {name.replace('__', '.'): value for name, value in parameters.items()}
+    return spun_node(RefineServer, **{**QUICK, **dotted})
+
+
 class Client:
     """What a user of the server sees: its maps and diagnostics, and its services."""
 
@@ -95,14 +101,11 @@ class Client:
     def call(self, name):
         return self.observer.call(Trigger, f'refine_server/{name}', Trigger.Request())
 
-    def replay(self, bag, *extra):
-        arguments = [str(bag), '--wait', '200', '--wait-topics', '2', *map(str, extra)]
-        with NodeProcess('replay', arguments) as player:
-            self.observer.until(lambda: not player.running(), 90.0)
-            assert player.wait() == 0, player.output
+    def replay(self, bag):
+        replayed(bag, self.observer)
 
     def record(self, bag, count=SCANS):
-        self.replay(bag, '--rate', 0)
+        self.replay(bag)
         self.wait_for(scans_recorded=count)
 
     def refine(self):
@@ -245,7 +248,7 @@ def test_refine_again_stop_and_clear(walks):
         client.record(walks[0])
         client.refine()
         observer.until(lambda: client.sweeps() > 100)
-        client.replay(walks[1], '--rate', 0)
+        client.replay(walks[1])
         client.wait_for(scans_recorded=2 * SCANS, scans_sampled=SCANS, state='sampling')
         before = as_array(client.wait_for_map())
 
@@ -283,7 +286,7 @@ def test_refine_again_stop_and_clear(walks):
 
 def test_nothing_to_sample():
     """No scan at all, a scan whose pose never came, and a scan that says nothing."""
-    with server() as node, Observer() as observer:
+    with server_here(), Observer() as observer:
         client = Client(observer)
         scans = observer.node.create_publisher(LaserScan, 'scan', 10)
         poses = observer.node.create_publisher(PoseWithCovarianceStamped, 'pose', 10)
@@ -312,7 +315,6 @@ def test_nothing_to_sample():
         pose.pose.pose.orientation.w = 1.0
         poses.publish(pose)
         client.wait_for(scans_recorded=1)
-        stop(node)
 
 
 def test_publisher_vanishes_and_the_end_comes_in_mid_sweep(walks):
@@ -342,7 +344,7 @@ def test_publisher_vanishes_and_the_end_comes_in_mid_sweep(walks):
 def test_parameters_while_running(walks):
     latest = {'window__keep': 'latest'}
     with (
-        server(max_sweeps=60, max_time=1000.0, r_hat=0.0, **latest) as node,
+        server_here(max_sweeps=60, max_time=1000.0, r_hat=0.0, **latest),
         Observer() as observer,
     ):
         client = Client(observer)
@@ -370,9 +372,8 @@ def test_parameters_while_running(walks):
         observer.until(lambda: set(np.unique(as_array(client.maps[-1]))) > {-1, 0, 100})
         few = client.set('max_scans', ParameterType.PARAMETER_INTEGER, 'integer_value', 20)
         assert few.successful
-        client.replay(walks[1], '--rate', 0)
+        client.replay(walks[1])
         client.wait_for(scans_received=2 * SCANS, scans_recorded=20, scans_let_go=2 * SCANS - 20)
-        stop(node)
 
 
 @pytest.mark.parametrize(
@@ -406,23 +407,22 @@ def test_a_wrong_parameter_ends_the_process_with_one_line():
 def test_memory_is_a_limit_like_the_others(walks):
     """A window of 1 MB: scans go, and what is left can be sampled."""
     parameters = {'window__max_memory_mb': 1.0, 'max_sweeps': 60, 'r_hat': 0.0}
-    with server(**parameters) as node, Observer() as observer:
+    with server_here(**parameters), Observer() as observer:
         client = Client(observer)
-        client.replay(walks[0], '--rate', 0)
+        client.replay(walks[0])
         client.wait_for(scans_received=SCANS)
         values = client.values()
         assert 5 < int(values['scans recorded']) < SCANS - 20
         assert int(values['scans recorded']) + int(values['scans let go']) == SCANS
         client.refine()
         client.wait_for(state='idle', stopped_because='sweeps', last_error='')
-        stop(node)
     # One scan that is too large for any window is refused as it comes.
     with (
         server(window__max_memory_mb=1.0, window__resolution=0.01) as node,
         Observer() as observer,
     ):
         client = Client(observer)
-        client.replay(walks[0], '--rate', 0)
+        client.replay(walks[0])
         client.wait_for(scans_received=SCANS)
         assert int(client.values()['dropped: scan_off_map']) > 20
         stop(node)

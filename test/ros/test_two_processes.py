@@ -16,6 +16,7 @@ from nav_msgs.msg import OccupancyGrid
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import DescribeParameters, SetParameters
 from std_srvs.srv import SetBool, Trigger
+from support.local_ros import replayed, spun_node
 from support.office import OFFICE_SCANS
 from support.ros import NodeProcess, Observer, takes_scans
 
@@ -27,11 +28,14 @@ from ogm_mcmc.io.bags import BagReader
 from ogm_mcmc.io.map_files import load_map
 from ogm_mcmc.io.recording_bag import write_recording
 from ogm_mcmc.pipeline import MappingPipeline
+from ogm_mcmc.ros.online_mapper import OnlineMapper
 from ogm_mcmc.ros.qos import LATCHED
 from ogm_mcmc.simulation import Lidar, record
 from ogm_mcmc.simulation.worlds import office
 
 pytestmark = [pytest.mark.ros]
+
+EVERY_SCAN = str(OFFICE_SCANS)
 
 
 def offline_pipeline(bag_path):
@@ -72,7 +76,7 @@ def test_live_map_equals_offline_map(office_bag, mapper, tmp_path):
         with replay(office_bag, '--rate', 0) as player:
             observer.until(lambda: not player.running(), 90.0)
             assert player.wait() == 0, player.output
-        observer.until(lambda: values_of(reports)['scans used'] == str(OFFICE_SCANS))
+        observer.until(lambda: values_of(reports)['scans used'] == EVERY_SCAN)
         saved = observer.call(Trigger, 'online_mapper/save_map', Trigger.Request())
         pipeline = offline_pipeline(office_bag)
         view = MapView(pipeline, OutputConfig())
@@ -102,10 +106,9 @@ def test_live_map_equals_offline_map(office_bag, mapper, tmp_path):
     assert 'Traceback' not in mapper.output
 
 
-def test_late_subscriber_gets_the_latched_map(office_bag, mapper):
-    with Observer() as observer:
-        with replay(office_bag, '--rate', 0) as player:
-            observer.until(lambda: not player.running(), 90.0)
+def test_late_subscriber_gets_the_latched_map(office_bag):
+    with spun_node(OnlineMapper, map_update_interval=0.2), Observer() as observer:
+        replayed(office_bag, observer)
         time.sleep(0.5)
         maps = observer.collect(OccupancyGrid, 'map', LATCHED)
         observer.until(lambda: bool(maps), 15.0)
@@ -123,19 +126,17 @@ def test_services_and_parameters(office_bag, mapper, tmp_path):
 
         paused = observer.call(SetBool, 'online_mapper/pause', SetBool.Request(data=True))
         assert paused.success
-        with replay(office_bag, '--rate', 0) as player:
-            observer.until(lambda: not player.running(), 90.0)
+        replayed(office_bag, observer)
         observer.until(
-            lambda: bool(reports) and values_of(reports)['scans received'] == str(OFFICE_SCANS)
+            lambda: bool(reports) and values_of(reports)['scans received'] == EVERY_SCAN
         )
         assert values_of(reports)['scans used'] == '0'
-        assert values_of(reports)['scans while paused'] == str(OFFICE_SCANS)
+        assert values_of(reports)['scans while paused'] == EVERY_SCAN
 
         observer.call(SetBool, 'online_mapper/pause', SetBool.Request(data=False))
         observer.call(Trigger, 'online_mapper/reset', Trigger.Request())
-        with replay(office_bag, '--rate', 0) as player:
-            observer.until(lambda: not player.running(), 90.0)
-        observer.until(lambda: values_of(reports)['scans used'] == str(OFFICE_SCANS))
+        replayed(office_bag, observer)
+        observer.until(lambda: values_of(reports)['scans used'] == EVERY_SCAN)
         observer.until(lambda: bool(maps) and set(np.unique(as_array(maps[-1]))) == {-1, 0, 100})
 
         assert set_parameter(observer, 'map_update_interval', 3000.0).successful
@@ -185,7 +186,7 @@ def test_replay_waits_again_for_a_mapper_that_was_restarted(office_bag):
     assert 'Traceback' not in player.output
 
 
-def test_reset_while_the_robot_is_far_from_the_origin(mapper, tmp_path):
+def test_reset_while_the_robot_is_far_from_the_origin(tmp_path):
     """The window of the map starts anew somewhere else; nothing of the old one may matter."""
     recording = [
         PlacedScan.at(placed.scan, replace(placed.pose, x_m=500.0 + placed.pose.x_m))
@@ -194,19 +195,16 @@ def test_reset_while_the_robot_is_far_from_the_origin(mapper, tmp_path):
         )
     ]
     write_recording(tmp_path / 'far', recording)
-    with Observer() as observer:
+    with spun_node(OnlineMapper, map_update_interval=0.2), Observer() as observer:
         maps = observer.collect(OccupancyGrid, 'map', LATCHED)
         reports = observer.collect(DiagnosticArray, '/diagnostics', 10)
         for _ in range(2):
-            with replay(tmp_path / 'far', '--rate', 0) as player:
-                observer.until(lambda: not player.running(), 60.0)
+            replayed(tmp_path / 'far', observer)
             observer.until(lambda: bool(reports) and values_of(reports)['scans used'] == '20')
             observer.until(lambda: bool(maps) and (as_array(maps[-1]) >= 0).any())
             assert maps[-1].info.origin.position.x > 400.0
             assert observer.call(Trigger, 'online_mapper/reset', Trigger.Request()).success
             observer.until(lambda: (as_array(maps[-1]) == -1).all())
-    assert mapper.stop() == 0, mapper.output
-    assert 'Traceback' not in mapper.output, mapper.output
 
 
 def set_parameter(observer, name, value):

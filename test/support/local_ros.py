@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import math
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
@@ -15,8 +18,10 @@ from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, TransformS
 from nav_msgs.msg import Odometry
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from sensor_msgs.msg import LaserScan
 
+from ogm_mcmc.ros.replay import Replay, ReplayCounts
 from support.ros import spin_until
 
 __all__ = [
@@ -26,7 +31,10 @@ __all__ = [
     'pose',
     'pose_stamped',
     'refusal',
+    'replayed',
     'scan',
+    'spinning',
+    'spun_node',
     'tf2_msgs_stand_in',
     'tf2_msgs_twin',
     'transforms',
@@ -75,6 +83,51 @@ def local_node(
         executor.shutdown()
         node.destroy_node()
         rclpy.try_shutdown(context=context)
+
+
+@contextmanager
+def spinning(*nodes: Any) -> Iterator[None]:
+    """Spin nodes of `local_node`, each in a thread of its own."""
+    done = threading.Event()
+    threads = [threading.Thread(target=node.until, args=(done.is_set, 300.0)) for node in nodes]
+    for thread in threads:
+        thread.start()
+    try:
+        yield
+    finally:
+        done.set()
+        for thread in threads:
+            thread.join()
+
+
+@contextmanager
+def spun_node(make: Any, **parameters: Any) -> Iterator[Any]:
+    """Make a node as `NodeProcess` does, but in this process, and spin it in a thread.
+
+    It talks by DDS with the test's `Observer` all the same. A process costs two to five seconds of
+    CPU time more, for imports and compiled kernels.
+    """
+    overrides = [Parameter(name, value=value) for name, value in parameters.items()]
+    with (
+        local_node(make, ready=False, parameter_overrides=overrides) as node,
+        spinning(node),
+    ):
+        yield node
+
+
+def replayed(bag: Any, observer: Any, timeout_s: float = 90.0, **settings: Any) -> ReplayCounts:
+    """Replay a bag from this process while `observer` spins; return what was sent."""
+    settings = {'rate': 0.0, 'wait': 200.0, 'wait_topics': 2, **settings}
+    with spun_node(partial(Replay, Path(bag)), **settings) as node:
+        player = threading.Thread(target=node.play)
+        player.start()
+        try:
+            observer.until(lambda: not player.is_alive(), timeout_s)
+        finally:
+            node.stopped.set()
+            player.join()
+        assert not node.unheard
+        return node.counts
 
 
 def refusal(
