@@ -278,7 +278,7 @@ def test_tiles_on_a_cluster(dask_cluster, office_bag, scans, tmp_path, capsys):
     """What tiles in this process give, though a worker is lost, and by the command."""
     here = TiledRefinement(config(), 2, 2, LocalHolders())
     here.take(scans)
-    few = StopConfig(max_sweeps=32, max_time=1e6, r_hat=0.0)
+    few = StopConfig(max_sweeps=40, max_time=1e6, r_hat=0.0)
     list(here.run(few))
     with connected(dask_cluster.scheduler_address) as workers:
         tiles = ClusterTiles(workers)
@@ -295,7 +295,7 @@ def test_tiles_on_a_cluster(dask_cluster, office_bag, scans, tmp_path, capsys):
         list(rounds)
         assert (tmp_path / 'gone').exists()
         gone.cancel()
-        assert tiles.traffic.jobs > 32 * 2 * 4
+        assert tiles.traffic.jobs > 40 * 2 * 4
         assert min(tiles.traffic.told, tiles.traffic.answered) > 0
     same(there, here)
     few = (

@@ -62,7 +62,8 @@ def as_array(msg):
 
 @pytest.fixture
 def mapper(tmp_path):
-    parameters = {'save_directory': tmp_path, 'map_update_interval': 0.2}
+    # As offline: with `auto` the first scans are mapped before it is known what no return means.
+    parameters = {'save_directory': tmp_path, 'map_update_interval': 0.2, 'no_return': 'clear'}
     with NodeProcess('online_mapper', parameters=parameters) as node:
         yield node
 
