@@ -43,8 +43,10 @@ class PoseHistory:
 
     Between two poses the belief is interpolated, unless they are more than `max_gap_s` apart or
     imply that the robot moved faster than `max_speed_m_s` or turned faster than `max_turn_rad_s`
-    (a localizer that found its place again: what lies between is no place where it was). At most
-    `2 keep` poses are held, and of clouds so many that they have `MAX_PARTICLES` particles.
+    (a localizer that found its place again: what lies between is no place where it was). At the
+    very stamp of a pose that is as far from the one before it, the next one tells: from a stray
+    pose it is as far again. At most `2 keep` poses are held, and of clouds so many that they have
+    `MAX_PARTICLES` particles.
     """
 
     def __init__(
@@ -118,6 +120,7 @@ class PoseHistory:
         if later == len(self.stamps):
             raise Waiting
         if self.stamps[later] == stamp_ns:
+            self._refuse_stray(later)
             return self.beliefs[later]
         if later == 0:
             raise Unplaceable('scan_before_poses')
@@ -125,10 +128,24 @@ class PoseHistory:
         if end - start > self.max_gap_ns:
             raise Unplaceable('pose_gap')
         before, after = self.beliefs[later - 1], self.beliefs[later]
-        limits = self.max_speed_m_s, self.max_turn_rad_s
-        if jumps(before.mean, after.mean, end - start, *limits):
+        if self._jumps_to(later):
             raise Unplaceable('pose_jump')
         return _between(before, after, (stamp_ns - start) / (end - start))
+
+    def _jumps_to(self, k: int) -> bool:
+        """Return whether a pose is further from the one before it than the robot can go."""
+        apart_ns = self.stamps[k] - self.stamps[k - 1]
+        limits = self.max_speed_m_s, self.max_turn_rad_s
+        return jumps(self.beliefs[k - 1].mean, self.beliefs[k].mean, apart_ns, *limits)
+
+    def _refuse_stray(self, k: int) -> None:
+        """Raise Unplaceable for a pose away from both its neighbours, Waiting for the next one."""
+        if k == 0 or not self._jumps_to(k):
+            return
+        if k + 1 == len(self.stamps):
+            raise Waiting
+        if self._jumps_to(k + 1):
+            raise Unplaceable('pose_jump')
 
 
 def _size(belief: PoseBelief) -> int:

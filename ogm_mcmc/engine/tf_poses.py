@@ -62,7 +62,7 @@ class TfPoses:
             pose, upside_down = along(edges).planar()
             if upside_down:
                 raise Unplaceable('pose_unusable')
-            if self._jumps(edges):
+            if self._jumps(edges) or self._is_stray(edges, stamp_ns):
                 raise Unplaceable('pose_jump')
         except PoseError:
             raise Unplaceable('pose_unusable') from None
@@ -139,6 +139,25 @@ class TfPoses:
                 raise Unplaceable('pose_gap') from None
             self._wait_for(target, source, stamp_ns)
             raise Unplaceable('pose_unavailable') from None
+
+    def _is_stray(self, edges: list[Edge], stamp_ns: int) -> bool:
+        """Return whether an entry at the very stamp jumps, and the next one jumps again.
+
+        Raises Waiting while the next one is not known.
+        """
+        if all(edge.around.apart_ns or not self.tree.is_moving(edge.child) for edge in edges):
+            return False
+        try:
+            before = self.tree.edges(self.map_frame, self.base_frame, stamp_ns - 1)
+        except TransformError:
+            return False
+        if not self._jumps(before):
+            return False
+        try:
+            after = self.tree.edges(self.map_frame, self.base_frame, stamp_ns + 1)
+        except TransformError:
+            raise Waiting from None
+        return self._jumps(after)
 
     def _jumps(self, edges: list[Edge]) -> bool:
         """Return whether what one edge did around the stamp moves the base too fast.

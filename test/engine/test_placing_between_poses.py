@@ -29,10 +29,10 @@ def test_stamps_of_today_do_not_lose_a_nanosecond():
     now = 1_700_000_000 * S
     placer, _ = placer_with()
     for k in range(3):
-        placer.add_pose(now + k, belief(float(k)))
+        placer.add_pose(now + k, belief(0.01 * k))
     placer.add_scan(fan(1.0, stamp_ns=now + 1))
     (placement,) = placer.placed()
-    assert placement.belief.mean.x_m == 1.0
+    assert placement.belief.mean.x_m == 0.01
 
 
 def test_between_two_poses():
@@ -110,8 +110,20 @@ def test_a_scan_between_places_too_far_apart_is_dropped():
     placer, dropped = placer_with((0.0, belief()), (0.1, belief(0.5)), (0.2, belief(5.0)))
     for stamp in (0.05, 0.1, 0.15, 0.2):
         placer.add_scan(scan(stamp))
-    assert placed(placer) == [(0.05, approx(0.25)), (0.1, 0.5), (0.2, 5.0)]
+    assert placed(placer) == [(0.05, approx(0.25)), (0.1, 0.5)]
     assert [reason for reason, _ in dropped] == ['pose_jump']
+    placer.add_pose(3 * S // 10, belief(5.5))  # so it is there
+    assert placed(placer) == [(0.2, 5.0)]
+
+
+def test_a_stray_pose_places_no_scan_even_at_its_own_stamp():
+    placer, dropped = placer_with((0.0, belief()), (0.1, belief(900.0)), (0.2, belief(1.0)))
+    for stamp in (0.0, 0.1, 0.2):
+        placer.add_scan(scan(stamp))
+    assert placed(placer) == [(0.0, 0.0)]
+    assert [reason for reason, _ in dropped] == ['pose_jump']
+    placer.add_pose(3 * S // 10, belief(1.5))
+    assert placed(placer) == [(0.2, 1.0)]
 
 
 def test_turning_too_fast_is_a_jump_as_well():

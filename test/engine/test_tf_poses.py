@@ -87,6 +87,19 @@ def test_between_two_places_the_robot_never_was():
     )
 
 
+def test_a_stray_transform_places_nothing_even_at_its_own_stamp():
+    def entries(*xs):
+        static = [entry('map', 'odom', 0.0)]
+        moving = (entry('odom', 'base_link', k / 10, x=x) for k, x in enumerate(xs))
+        return poses_of(*moving, static=static)
+
+    assert why_not(entries(0.0, 900.0, 0.2), 0.1) == 'pose_jump'
+    assert entries(0.0, 900.0, 900.1).at(S // 10).mean.x_m == 900.0
+    with pytest.raises(Waiting):
+        entries(0.0, 900.0).at(S // 10)
+    assert entries(900.0, 0.1, 0.2).at(0).mean.x_m == 900.0  # nothing before it
+
+
 def test_a_small_turn_far_from_the_origin_is_no_jump():
     """0.01 rad of map -> odom moves odom by 5 m, the robot by nothing."""
     far = entry('odom', 'base_link', 0.0, x=500.0)

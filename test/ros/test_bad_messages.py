@@ -199,8 +199,9 @@ def test_a_pose_far_away_does_not_blow_up_the_map(bench):
     bench.wait_for('scans used', 1)
     bench.send('pose', pose_at(1.1, x=1e6))
     bench.send('scan', scan_at(1.1))
+    bench.send('pose', pose_at(1.2, x=1e6))  # no stray one
     bench.wait_for('dropped: scan_off_map', 1)
-    bench.send('pose', pose_at(1.2, x=1e300))
+    bench.send('pose', pose_at(1.3, x=1e300))
     bench.wait_for('dropped: pose_invalid', 1)
     bench.expect_occupied([(1.05, 0.05)])
 
