@@ -131,6 +131,14 @@ class ChainConfig:
         'that are sampled',
         choices=('given', 'fitted'),
     )
+    reflecting: float = setting(
+        0.0,
+        'weight, in the probability of a cell, of the share of beams that it reflected of those '
+        'that reached it; the maps that were drawn have the rest: cells are taken for free or '
+        'solid, and edges, glass and legs are neither',
+        low=0.0,
+        high=0.5,
+    )
     burn_in: int = setting(
         50,
         'largest number of sweeps of each chain that are not counted; of 40 or more the second '

@@ -15,7 +15,15 @@ from ogm_mcmc.mapping import add_scans, make_method
 from ogm_mcmc.pipeline import MappingPipeline
 from ogm_mcmc.sampling import over_dispersed_starts
 
-__all__ = ['cells_on', 'check_lattice', 'first_maps', 'live_map', 'map_of', 'warm_up_mapping']
+__all__ = [
+    'cells_on',
+    'check_lattice',
+    'first_maps',
+    'live_map',
+    'map_of',
+    'reflection_map',
+    'warm_up_mapping',
+]
 
 
 def map_of(
@@ -36,6 +44,17 @@ def live_map(scans: Iterable[PlacedScan], window: WindowConfig) -> GridMap:
     """Return the two-assumption map of the same scans on the lattice of a window."""
     config = MapperConfig(
         resolution=window.resolution, max_range=window.max_range, no_return=window.no_return
+    )
+    return map_of(scans, config)
+
+
+def reflection_map(scans: Iterable[PlacedScan], window: WindowConfig) -> GridMap:
+    """Return the share of beams that each cell of a window's lattice reflected ([slides])."""
+    config = MapperConfig(
+        method='counting',
+        resolution=window.resolution,
+        max_range=window.max_range,
+        no_return=window.no_return,
     )
     return map_of(scans, config)
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from ogm_mcmc.arrays import BoolArray, Float32Array, UInt8Array
 from ogm_mcmc.config import ForwardModelConfig, SamplerConfig, StopConfig, flatten
-from ogm_mcmc.engine.live_map import cells_on, check_lattice, first_maps, live_map
+from ogm_mcmc.engine.live_map import cells_on, check_lattice, first_maps, live_map, reflection_map
 from ogm_mcmc.engine.no_returns import NoReturnChoice, NoReturns, no_return_of
 from ogm_mcmc.engine.posterior import Grown, patch_prior, posterior_model
 from ogm_mcmc.engine.progress import IndexSize, Progress
@@ -33,7 +33,7 @@ from ogm_mcmc.files.output_files import replacing
 from ogm_mcmc.geometry import GridMap, GridSpec, PlacedScan
 from ogm_mcmc.sampling import ChainQuality, PosteriorModel, PosteriorSampler, RayWindow
 from ogm_mcmc.sampling.chain_starts import forgotten
-from ogm_mcmc.sampling.estimates import hide_uncertain, with_one_more_draw
+from ogm_mcmc.sampling.estimates import hide_uncertain, with_one_more_draw, with_share_of
 from ogm_mcmc.sampling.informed import known_cells
 from ogm_mcmc.sampling.posterior import ARRIVES, Estimate
 
@@ -67,7 +67,8 @@ class Refinement:
         self._table, self.prior = patch_prior(config)
         self.sampler: PosteriorSampler | None = None
         self.rounds = SamplingRounds()
-        self._live: GridMap | None = None  # of the scans taken, once asked for
+        # Live and reflection map of the scans taken, once asked for.
+        self._others: tuple[GridMap, GridMap | None] | None = None
 
     # -- scans in ---------------------------------------------------------------------------
 
@@ -112,7 +113,7 @@ class Refinement:
                 self._take_nothing()
             raise
         self.window, self._taken, self.corrected = window, list(scans), moved is not None
-        self.sampler, self.rounds, self._live = sampler, SamplingRounds(), None
+        self.sampler, self.rounds, self._others = sampler, SamplingRounds(), None
         return self.size.n_rays
 
     def _take_nothing(self) -> None:
@@ -295,15 +296,29 @@ class Refinement:
     def map(self, of: Estimate | None = None) -> GridMap:
         """Return the posterior mean on the window, nan where no ray ever came.
 
-        Of counted sweeps, and the live map as one more draw; or `of` what is shown until then.
+        Of counted sweeps, the live map as one more draw, and the share of beams that cells
+        reflected with its weight, `chain.reflecting`; or `of` what is shown until then.
         """
         of = of or self._sampled().estimate()
         found = self.grid_map(of.mean)
         if of.sweeps == 0:
             return found
-        if self._live is None or self._live.spec != found.spec:
-            self._live = live_map(self._taken, self._decided().window).windowed(found.spec.box)
-        return with_one_more_draw(found, self._live, of.draws)
+        live, reflection = self._beside(found.spec)
+        found = with_one_more_draw(found, live, of.draws)
+        if reflection is None:
+            return found
+        return with_share_of(found, reflection, self.config.chain.reflecting)
+
+    def _beside(self, spec: GridSpec) -> tuple[GridMap, GridMap | None]:
+        """Return the live map on a window, and the reflection map where that has a weight."""
+        if self._others is None or self._others[0].spec != spec:
+            window = self._decided().window
+            counted = self.config.chain.reflecting > 0.0
+            self._others = (
+                live_map(self._taken, window).windowed(spec.box),
+                reflection_map(self._taken, window).windowed(spec.box) if counted else None,
+            )
+        return self._others
 
     def known_map(self, of: Estimate | None = None) -> GridMap:
         """Return `map` where data moved it, nan elsewhere (see `known_cells`)."""

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.refinements import FIRST, SECOND, lattice_map, maps, run, taken
+from support.refinements import FIRST, SECOND, THIRD, lattice_map, maps, run, taken
 from support.strategies import fan
 
 from ogm_mcmc.config import (
@@ -16,7 +16,7 @@ from ogm_mcmc.config import (
     WindowConfig,
 )
 from ogm_mcmc.config.nodes import RefineSamplerConfig
-from ogm_mcmc.engine.live_map import live_map
+from ogm_mcmc.engine.live_map import live_map, reflection_map
 from ogm_mcmc.engine.refinement import Refinement
 from ogm_mcmc.geometry import GridMap, PlacedScan, Pose2D
 from ogm_mcmc.sampling.estimates import hide_uncertain
@@ -74,6 +74,24 @@ def test_cells_that_are_free_in_all_draws_are_in_the_order_of_the_live_map():
         before, now = (hide_uncertain(one, 0.3, 0.02, draws) for one in (plain, refinement.map()))
         free = plain.probability == 0.0
         assert np.array_equal(np.isnan(before.probability)[free], np.isnan(now.probability)[free])
+
+
+def test_the_share_of_beams_that_a_cell_reflected_has_its_weight():
+    of_draws, mixed = taken(FIRST, SECOND), taken(FIRST, SECOND, reflecting=0.1)
+    for refinement in (of_draws, mixed):
+        assert refinement.map().probability.size > 0  # before a sweep counts it has none
+        run(refinement, max_sweeps=12)
+    plain, found = (one.map().probability for one in (of_draws, mixed))
+    spec = mixed.window.spec
+    reflected = reflection_map([FIRST, SECOND], mixed.config.window).windowed(spec.box).probability
+    known = np.isfinite(reflected) & np.isfinite(plain)
+    assert {0.0, 1.0} <= set(reflected[known])
+    assert found[known] == approx(0.9 * plain[known] + 0.1 * reflected[known], abs=1e-6)
+    assert np.array_equal(found[~known], plain[~known], equal_nan=True)
+    # Scans that come later have their share, too.
+    mixed.take([FIRST, SECOND, THIRD])
+    run(mixed, max_sweeps=12)
+    assert np.isfinite(mixed.map().probability).sum() > np.isfinite(found).sum()
 
 
 def test_cells_no_more_certain_than_the_prior_are_hidden():

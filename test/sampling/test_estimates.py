@@ -8,7 +8,11 @@ from sklearn.metrics import mutual_info_score
 from support.strategies import REPEATABLE
 
 from ogm_mcmc.geometry import GridMap, GridSpec
-from ogm_mcmc.sampling.estimates import mutual_information_bits, with_one_more_draw
+from ogm_mcmc.sampling.estimates import (
+    mutual_information_bits,
+    with_one_more_draw,
+    with_share_of,
+)
 
 approx = pytest.approx
 
@@ -58,3 +62,14 @@ def test_a_guess_orders_what_draws_tie_and_moves_nothing_further_than_one_draw_w
     assert ordered[-1] > 0.0
     assert found[4] < 1.0
     assert math.isnan(found[6])
+
+
+def test_another_map_has_a_share_where_it_knows_anything():
+    def row(*values):
+        return GridMap(GridSpec(0.1, 5, 1), np.array([values], np.float32))
+
+    mean = row(0.0, 1.0, 0.4, 1e-30, math.nan)
+    other = row(0.5, 0.25, math.nan, 0.0, 0.5)
+    found = with_share_of(mean, other, 0.1).probability[0]
+    assert found[:4] == approx([0.05, 0.925, 0.4, 9e-31], rel=1e-5)
+    assert math.isnan(found[4])
