@@ -18,6 +18,9 @@ VALUES = 7
 # m, or of a quaternion: entries that differ by less say the same.
 SAME = 1e-5
 
+# A stamp that is further ahead of the arrival is wrong.
+AHEAD_NS = 1_000_000_000
+
 
 class Around(NamedTuple):
     """The entries at and around a stamp: `later` is `earlier` where nothing is interpolated.
@@ -69,7 +72,8 @@ class FrameHistory:
     def add_static(self, entry: StampedTransform, arrival_ns: int | None) -> None:
         """Take a static entry: a correction counts from its own stamp on, or from its arrival.
 
-        The latter where its stamp says nothing, being no later than that of the one before.
+        The latter where its stamp says nothing, being no later than that of the one before, or is
+        of the future.
         """
         if self.stamps:
             newest_ns = self.stamps[-1]
@@ -77,7 +81,7 @@ class FrameHistory:
             if (newest.parent, newest.earlier) == (entry.parent, entry.transform):
                 return  # the same, sent again
             since_ns = entry.stamp_ns
-            if since_ns <= newest_ns and arrival_ns is not None:
+            if arrival_ns and (since_ns <= newest_ns or since_ns > arrival_ns + AHEAD_NS):
                 since_ns = arrival_ns
             entry = entry._replace(stamp_ns=max(since_ns, newest_ns))
         self.add(entry)

@@ -28,6 +28,7 @@ import numpy as np
 
 from ogm_mcmc.arrays import Int64Array
 from ogm_mcmc.engine.frame_history import Around, FrameHistory
+from ogm_mcmc.engine.recent import Recent
 from ogm_mcmc.errors import PoseError, listed
 from ogm_mcmc.geometry.rigid_transform import RigidTransform, StampedTransform
 
@@ -43,6 +44,10 @@ MAX_LIVE_FRAMES = 5000
 
 # 60 MB of them; 30 s of a robot that sends 10 000 a second are fewer.
 MAX_LIVE_ENTRIES = 400_000
+
+# So many entries of a frame in a row that are too old are a restart, not late ones; or the one
+# they are compared with had a wrong stamp.
+RESTART_AFTER = 10
 
 # Up to here what never moves is known.
 LATEST_NS = 2**63 - 1
@@ -80,13 +85,14 @@ class TransformTree:
         self._frames: dict[str, FrameHistory] = {}  # by child
         self._names: set[str] = set()
         self._n_entries = 0
+        self._too_old: Recent[int] = Recent()  # by child, in a row
 
     # -- entries in -------------------------------------------------------------------------
 
     def add(
         self, entry: StampedTransform, *, static: bool = False, arrival_ns: int | None = None
     ) -> bool:
-        """Take an entry; return False for one too old to be kept.
+        """Take an entry; return False for one too old to be kept: so many in a row are a restart.
 
         `arrival_ns` says when a static one came, for senders that stamp every one the same.
         Raises PoseError for a frame without a name or that is its own parent, and in live use
@@ -108,7 +114,8 @@ class TransformTree:
             history = self._frames[entry.child] = FrameHistory(static)
         before = len(history)
         taken = self._add_to(history, entry, arrival_ns)
-        self._n_entries += len(history) - before
+        if self._frames.get(entry.child) is history:  # else time restarted, and all is counted
+            self._n_entries += len(history) - before
         if self.keep_ns is not None:
             self._bound()
         return taken
@@ -124,10 +131,20 @@ class TransformTree:
             return True
         newest_ns = max(history.stamps[-1], entry.stamp_ns) if history.stamps else entry.stamp_ns
         if entry.stamp_ns < newest_ns - self.keep_ns:
-            return False
+            return self._is_restart(entry)
+        self._too_old.pop(entry.child, None)
         history.add(entry)
         history.keep_from(newest_ns - self.keep_ns)
         return True
+
+    def _is_restart(self, entry: StampedTransform) -> bool:
+        """Take an entry that is too old where those before it were, too: time restarted."""
+        self._too_old[entry.child] = self._too_old.get(entry.child, 0) + 1
+        if self._too_old[entry.child] <= RESTART_AFTER:
+            return False
+        self._too_old.clear()
+        self.restart(entry.stamp_ns)
+        return self.add(entry)
 
     def _bound(self) -> None:
         """Forget half of the longest history, and parents of before, where there are too many."""

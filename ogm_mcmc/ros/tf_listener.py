@@ -7,7 +7,6 @@ from typing import Any
 
 from rclpy.node import Node
 
-from ogm_mcmc.engine.recent import Recent
 from ogm_mcmc.engine.transform_tree import TransformTree
 from ogm_mcmc.errors import ConfigError, PoseError
 from ogm_mcmc.geometry.rigid_transform import StampedTransform
@@ -16,10 +15,6 @@ from ogm_mcmc.ros import qos
 from ogm_mcmc.ros.pose_topics import AnyReliability, message_class
 
 __all__ = ['TF_STATIC_TOPIC', 'TF_TOPIC', 'TfListener', 'tf_is_installed']
-
-# So many transforms of a frame in a row that are too old are a restart, not late ones; or the one
-# they are compared with had a wrong stamp.
-RESTART_AFTER = 10
 
 TF_TOPIC = '/tf'
 TF_STATIC_TOPIC = '/tf_static'
@@ -56,7 +51,6 @@ class TfListener:
         self.on_message = on_message
         self.on_fault = on_fault
         self._moving: AnyReliability | None = None
-        self._too_old: Recent[int] = Recent()  # by frame, in a row
 
     def subscribe(self) -> None:
         """Begin to receive. Raises ConfigError where tf2_msgs is not installed."""
@@ -73,7 +67,7 @@ class TfListener:
         """Take transforms that hold at their stamps."""
         for entry in self._read(msg):
             try:
-                self._keep_up(self.tree.add(entry), entry)
+                self.tree.add(entry)
             except PoseError as error:
                 self.on_fault(str(error))
             else:
@@ -95,13 +89,3 @@ class TfListener:
         for fault in read.faults:
             self.on_fault(fault)
         return read.entries
-
-    def _keep_up(self, taken: bool, entry: StampedTransform) -> None:
-        """Notice that time started again: what comes is older than anything kept, on and on."""
-        if taken:
-            self._too_old.pop(entry.child, None)
-            return
-        self._too_old[entry.child] = self._too_old.get(entry.child, 0) + 1
-        if self._too_old[entry.child] > RESTART_AFTER:
-            self._too_old.clear()
-            self.tree.restart(entry.stamp_ns)

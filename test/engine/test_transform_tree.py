@@ -302,6 +302,26 @@ def assert_same(pose, other):
     assert math.remainder(pose.yaw_rad - other.yaw_rad, 2 * math.pi) == approx(0.0, abs=1e-9)
 
 
+def test_a_wrong_stamp_of_the_future_does_not_lock_a_frame():
+    """What is too old beside it in a row is a restart: also for mounts that move."""
+    tree = TransformTree(keep_s=30.0)
+    tree.add(entry('base', 'laser', 2e9))
+    taken = [tree.add(entry('base', 'laser', 1.0 + 0.1 * k, x=float(k))) for k in range(20)]
+    assert taken == [False] * 10 + [True] * 10
+    assert planar(tree, 'base', 'laser', 2.5) == approx((15.0, 0.0, 0.0))
+    assert tree._n_entries == 10
+
+
+def test_a_mount_corrected_from_the_future_on_counts_from_its_arrival():
+    tree = tree_of(static=[LASER])
+    wrong, right = (entry('base_link', 'laser', 2e9, x=x) for x in (0.6, 0.7))
+    tree.add(wrong, static=True, arrival_ns=10 * S)
+    assert planar(tree, 'base_link', 'laser', 11.0)[0] == approx(0.6)
+    tree.add(right, static=True, arrival_ns=12 * S)
+    assert planar(tree, 'base_link', 'laser', 13.0)[0] == approx(0.7)
+    assert planar(tree, 'base_link', 'laser', 9.0)[0] == approx(0.5)
+
+
 def test_a_sender_that_makes_up_names_does_not_fill_the_memory(monkeypatch):
     """One child under ever new parents, stamps ever closer, a mount corrected again and again."""
     monkeypatch.setattr(transform_tree, 'MAX_LIVE_FRAMES', 10)
