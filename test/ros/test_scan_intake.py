@@ -249,6 +249,17 @@ def test_transforms_on_the_wire(node, wire, source):
         node.destroy_publisher(publisher)
 
 
+def test_one_of_several_robots_listens_to_its_own_transforms(monkeypatch):
+    """As `docs/your_robot.md` has it: -r /tf:=tf -r /tf_static:=tf_static -r __ns:=/tb1."""
+    rules = ['/tf:=tf', '/tf_static:=tf_static', '__ns:=/tb1']
+    words = ['--ros-args', *(word for rule in rules for word in ('-r', rule))]
+    with tf2_msgs_twin(monkeypatch), local_node(cli_args=words) as robot:
+        Bench(robot, pose_source='tf').intake.subscribe()
+        heard = {one.topic_name for one in robot.subscriptions}
+        assert heard >= {'/tb1/tf', '/tb1/tf_static', '/tb1/scan'}
+        assert not heard & {'/tf', '/tf_static', '/scan'}
+
+
 # -- where sensors sit ----------------------------------------------------------------------
 
 
