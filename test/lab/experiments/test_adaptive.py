@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from ogm_mcmc.evaluation.classification import confusion_counts
+from ogm_mcmc.lab.experiments import adaptive
 from ogm_mcmc.lab.experiments.adaptive import agreement, roc_curve, run
 
 NAN = math.nan
@@ -36,7 +37,14 @@ def test_a_drawn_curve_keeps_its_area():
 
 
 @pytest.mark.slow
-def test_result(tmp_path):
+def test_result(tmp_path, monkeypatch):
+    """All of `--quick`, from half of its scans."""
+    really = adaptive.recorded
+
+    def fewer(world, every, seed, **options):
+        return really(world, 2 * every, seed, **options)
+
+    monkeypatch.setattr(adaptive, 'recorded', fewer)
     result = run(tmp_path, quick=True, seed=1)
     ours = {line['what']: line['ours'] for line in result['rows']}
     for case in ('office', 'office, uncertain poses'):
