@@ -18,10 +18,10 @@ from ogm_mcmc.cli.options import (
 )
 from ogm_mcmc.errors import ConfigError, require
 from ogm_mcmc.files.output_files import folder_to_fill, refuse_folder, replacing
-from ogm_mcmc.lab.cluster import connected
 from ogm_mcmc.lab.experiments import EXPERIMENTS, SPREAD, make_page
 from ogm_mcmc.lab.experiments.datasets import using_executor
 from ogm_mcmc.lab.experiments.results import table_text
+from ogm_mcmc.lab.workers import connected
 
 __all__ = ['add_to']
 

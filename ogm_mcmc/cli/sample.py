@@ -51,8 +51,9 @@ from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.files.output_files import checked_name, makeable_folder
 from ogm_mcmc.geometry import GridMap, GridSpec
 from ogm_mcmc.io.map_files import load_grid
-from ogm_mcmc.lab.cluster import Workers, connected, distribute
+from ogm_mcmc.lab.cluster import distribute
 from ogm_mcmc.lab.tile_cluster import ClusterTiles
+from ogm_mcmc.lab.workers import Workers, connected
 
 __all__ = ['add_to']
 

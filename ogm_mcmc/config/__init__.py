@@ -12,13 +12,12 @@ from ogm_mcmc.config.mapping import (
     CountingConfig,
     GaussianModelConfig,
     MapperConfig,
-    MountConfig,
     OutputConfig,
-    PlacingConfig,
     PoseUncertainConfig,
     SonarModelConfig,
     StepModelConfig,
 )
+from ogm_mcmc.config.placing import MountConfig, PlacingConfig
 from ogm_mcmc.config.priors import LearningConfig, PatchTableConfig
 from ogm_mcmc.config.random_field import RandomFieldConfig
 from ogm_mcmc.config.recording import KeepConfig, RecordingConfig

@@ -21,9 +21,10 @@ from ogm_mcmc.config import SamplerConfig
 from ogm_mcmc.engine.tiled_refinement import Held, tile_sampler
 from ogm_mcmc.errors import ClusterError
 from ogm_mcmc.geometry import PlacedScan
-from ogm_mcmc.lab.cluster import RETRIES, Workers, digest, pack_problem, prior_at_hand
+from ogm_mcmc.lab.cluster import digest, pack_problem, prior_at_hand
 from ogm_mcmc.lab.memory import peak_mb
 from ogm_mcmc.lab.parcels import unpack
+from ogm_mcmc.lab.workers import RETRIES, Workers
 from ogm_mcmc.sampling.tile_gibbs import Drawn, TileJob, TileReport, TileSampler
 from ogm_mcmc.sampling.tiles import Tiling
 

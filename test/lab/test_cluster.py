@@ -25,10 +25,12 @@ from ogm_mcmc.engine.refinement import Refinement
 from ogm_mcmc.engine.tiled_refinement import TiledRefinement
 from ogm_mcmc.errors import ClusterError, ConfigError, WindowError
 from ogm_mcmc.lab import cluster, experiments
-from ogm_mcmc.lab.cluster import connected, distribute
+from ogm_mcmc.lab import workers as workers_module
+from ogm_mcmc.lab.cluster import distribute
 from ogm_mcmc.lab.experiments import run_all
 from ogm_mcmc.lab.parcels import unpack
 from ogm_mcmc.lab.tile_cluster import ClusterTiles
+from ogm_mcmc.lab.workers import connected
 from ogm_mcmc.simulation import WORLDS, Lidar, record
 
 STOP = StopConfig(max_sweeps=120, max_time=1e6, r_hat=0.0)
@@ -165,7 +167,7 @@ def test_other_scans_than_those_taken_are_noticed(scans):
         sample_chains(Refinement(config()), scans, STOP, executor)
 
 
-class Forgetful(cluster.Workers):
+class Forgetful(workers_module.Workers):
     """Workers that have lost what was shared with them, the first time they are asked."""
 
     def __init__(self, inner):
@@ -322,7 +324,7 @@ def test_tiles_on_a_cluster(dask_cluster, office_bag, scans, tmp_path, capsys):
 
 def test_no_scheduler(monkeypatch, tmp_path, capsys):
     pytest.importorskip('distributed')
-    monkeypatch.setattr(cluster, 'ANSWER_S', 0.3)
+    monkeypatch.setattr(workers_module, 'ANSWER_S', 0.3)
     monkeypatch.chdir(tmp_path)
     assert run(['experiment', 'pose-sim', '--quick', '--scheduler', 'tcp://127.0.0.1:9']) == 2
     lines = capsys.readouterr().err.splitlines()
@@ -366,7 +368,7 @@ def test_a_worker_is_no_scheduler(dask_cluster):
 
 
 def test_workers_of_another_version(dask_cluster, monkeypatch):
-    monkeypatch.setattr(cluster, '__version__', '99.0')
+    monkeypatch.setattr(workers_module, '__version__', '99.0')
     with (
         pytest.raises(ClusterError, match=r'expected 99\.0'),
         connected(dask_cluster.scheduler_address),
