@@ -42,8 +42,8 @@ RESTART_NS = NS_PER_S
 # No robot has more; a sender that makes up frames must not fill the memory.
 MAX_LIVE_FRAMES = 5000
 
-# 60 MB of them; 30 s of a robot that sends 10 000 a second are fewer.
-MAX_LIVE_ENTRIES = 400_000
+# 70 MB of them with long names; 30 s of a robot that sends 6 000 a second are fewer.
+MAX_LIVE_ENTRIES = 200_000
 
 # So many entries of a frame in a row that are too old are a restart, not late ones; or the one
 # they are compared with had a wrong stamp.
