@@ -64,7 +64,10 @@ class TrajectoryConfig:
         40, 'trajectories drawn for the standard deviations of poses', low=2, high=10000
     )
     inflation: float = setting(
-        1.25, 'factor on the computed standard deviations of the poses', low=0.1, high=10.0
+        1.4,
+        'factor on the errors of points, for the standard deviations of the poses',
+        low=0.1,
+        high=10.0,
     )
     seed: int = setting(1, 'seed of the trajectories drawn', low=0, high=2**63 - 1)
 

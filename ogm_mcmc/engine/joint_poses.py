@@ -172,6 +172,7 @@ class PoseRefinement:
             figures['point_deviation_m'] = round(found, 6)
             figures['point_deviation_95_m'] = [round(low, 6), round(high, 6)]
         figures['belief_scale'] = round(self.estimator.belief_scale, 6)
+        figures['belief_correlation'] = [round(float(r), 6) for r in self.estimator.correlation]
         figures['odometry_steps'] = 0 if self.wheels is None else int(self.wheels.first.size)
         if self.wheels is not None:
             figures['odometry_scale'] = round(self.odometry_scale, 6)

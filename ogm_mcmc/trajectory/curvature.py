@@ -9,8 +9,8 @@ the rest:
 
 Robust weights alone take away all but a share `slope`, and that is in the variance of a point
 already. An M-estimator (Huber 1967) that is held by `held` instead scatters slope / held times as
-far as the model says: so much wider are deviations drawn, in the share that points, not beliefs,
-have in what holds a scan.
+far as the model says: the noise of points is so many times as large in what is drawn. That of
+beliefs is not: where the map lies as a whole, points do not tell.
 """
 
 from __future__ import annotations
@@ -52,14 +52,19 @@ def held_share(
 
 
 def drawn_deviation(
-    system: SurfelSystem, factors: PoseFactors, at: Linearised, rng: np.random.Generator
+    system: SurfelSystem,
+    factors: PoseFactors,
+    at: Linearised,
+    rng: np.random.Generator,
+    wider: float = 1.0,
 ) -> Float64Array:
-    """Draw how far poses (K, 3) may be from where they are, from the quadratic model."""
-    return solve(system, factors, at, system.noise(rng) + factors.noise(at, rng))
+    """Draw how far poses (K, 3) may be from where they are, from the quadratic model.
+
+    Points scatter so many times `wider` than it says (a sandwich: Huber 1967).
+    """
+    return solve(system, factors, at, wider * system.noise(rng) + factors.noise(at, rng))
 
 
-def widening(system: SurfelSystem, at: Linearised, held: float) -> Float64Array:
-    """Return how many times wider than the model the deviations of scans (K, 1) are."""
-    points, known = (np.einsum('kii->ki', blocks) for blocks in (system.blocks, at.blocks))
-    share = (points / (points + known)).mean(axis=1, keepdims=True)
-    return np.asarray(1.0 + share * max(system.slope / held - 1.0, 0.0), np.float64)
+def widening(system: SurfelSystem, held: float) -> float:
+    """Return how many times wider than the model says points scatter that hold by `held`."""
+    return max(system.slope / held, 1.0)

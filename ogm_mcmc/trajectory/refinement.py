@@ -214,11 +214,11 @@ class TrajectoryRefinement:
             probe = drawn_deviation(system, self.factors, at, self._rng)
             held.append(held_share(system, self.points, self.poses, stage, probe))
         self.held = float(np.mean(held))
-        wider = self.config.inflation * widening(system, at, self.held)
+        wider = self.config.inflation * widening(system, self.held)
         yield self._progress('curvature measured', stage.side_m, nowhere)
         for _ in range(self.config.draws):
-            drawn = drawn_deviation(system, self.factors, at, self._rng)
-            self.deviations.append(wider * drawn)
+            drawn = drawn_deviation(system, self.factors, at, self._rng, wider)
+            self.deviations.append(drawn)
             yield self._progress('drawn', stage.side_m, nowhere)
 
     def _progress(self, doing: str, side_m: float, change: Float64Array) -> TrajectoryProgress:

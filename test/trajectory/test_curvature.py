@@ -33,19 +33,21 @@ def test_draws_are_solutions_of_the_matrix() -> None:
 
 
 def test_only_what_points_hold_is_drawn_wider() -> None:
-    """The first scan has no points: it is as sure as its belief, whatever the others show."""
-    scans = scans_of(TRUTH, 90, 0.02)
-    scans[0].ranges_m[:] = np.nan
-    points = ScanPoints.of(scans)
+    """Points that scatter more, beliefs as they say: a sandwich, written down."""
+    points = ScanPoints.of(scans_of(TRUTH, 90, 0.02))
     system, at = SurfelSystem.around(points, TRUTH, STAGE), FACTORS.linearised(TRUTH)
-    wider = widening(system, at, 0.4)
-    assert wider.shape == (COUNT, 1)
-    assert wider[0] == 1.0
     assert 0.5 < system.slope < 1.0
-    most = system.slope / 0.4
-    assert (wider[1:] < most).all()
-    assert (wider[1:] > 1.0 + 0.9 * (most - 1.0)).all()
-    np.testing.assert_array_equal(widening(system, at, 1.0), np.ones((COUNT, 1)))
+    assert widening(system, 1.0) == 1.0
+    assert widening(system, 0.4) == pytest.approx(system.slope / 0.4)
+    rng = np.random.default_rng(6)
+    drawn = [drawn_deviation(system, FACTORS, at, rng, 3.0).reshape(-1) for _ in range(400)]
+    of_points, of_beliefs = dense(system.times), dense(lambda x: FACTORS.times(at, x))
+    bread = np.linalg.inv(of_points + of_beliefs)
+    expected = np.diag(bread @ (9.0 * of_points + of_beliefs) @ bread)
+    np.testing.assert_allclose(np.var(drawn, axis=0), expected, rtol=0.35)
+    together = np.tile((1.0, 0.0, 0.0), COUNT) / COUNT
+    shift = np.var(np.array(drawn) @ together)
+    assert shift == pytest.approx(0.05**2 / COUNT, rel=0.35)  # what beliefs say, no wider
 
 
 def test_scans_that_share_nothing_are_not_asked() -> None:

@@ -140,7 +140,7 @@ def test_drift_is_learned_and_widens_what_is_said_of_the_whole_map() -> None:
     placed = list(zip(scans_of(truth, 48, 0.01), beliefs, strict=True))
     spreads = {}
     for correlation in (0.0, -1.0):
-        one = TrajectoryRefinement(placed, TrajectoryConfig(draws=10, correlation=correlation))
+        one = TrajectoryRefinement(placed, TrajectoryConfig(draws=20, correlation=correlation))
         for _ in one.run():
             pass
         off = np.abs(one.poses - truth)
@@ -148,5 +148,5 @@ def test_drift_is_learned_and_widens_what_is_said_of_the_whole_map() -> None:
         inside = (off < 1.96 * spreads[correlation])[:, :2].mean()
         assert inside > 0.9 if correlation else inside < 0.3
     assert (one.correlation > 0.8).all()
-    assert (spreads[-1.0][:, :2] > 0.03).all()
+    assert (spreads[-1.0][:, :2] > 1.5 * spreads[0.0][:, :2]).all()
     assert (spreads[0.0][:, :2] < 0.02).all()
