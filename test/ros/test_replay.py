@@ -26,7 +26,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import LaserScan, Range
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
-from support.local_ros import refusal
+from support.local_ros import refusal, replayed
 from support.ros import NodeProcess, Observer
 
 from ogm_mcmc.io import ros_types
@@ -100,10 +100,9 @@ def test_every_kind_of_bag_arrives_byte_for_byte(tmp_path, kind):
         rosbag2(path, StoragePlugin[kind.upper()])
     with Observer() as observer:
         received = observer.collect(LaserScan, 'scan', 100, raw=True)
-        with play(path, '--rate', 0, '--topics', 'scan') as player:
-            done = finished(observer, player)
+        done = replayed(path, observer, wait_topics=1, topics='scan')
         observer.until(lambda: len(received) == COUNT, 10.0)
-    assert done['published'] == {'/scan': COUNT}
+    assert done.published == {'/scan': COUNT}
     store = typestore()
     expected = [bytes(store.serialize_cdr(msg, ros_types.SCAN)) for _, msg in scans()]
     assert received == expected
@@ -158,11 +157,10 @@ def test_types_that_are_not_installed_are_left_out(tmp_path):
         writer.write(text, 20, store.serialize_cdr(hello, 'std_msgs/msg/String'))
     with Observer() as observer:
         texts = observer.collect(String, 'text', 10)
-        with play(tmp_path / 'bag', '--rate', 0) as player:
-            done = finished(observer, player)
+        done = replayed(tmp_path / 'bag', observer, wait_topics=1)
         observer.until(lambda: bool(texts), 10.0)
     assert texts[0].data == 'hello'
-    assert 'nowhere_msgs/msg/Thing' in done['skipped_topics']['/thing']
+    assert 'nowhere_msgs/msg/Thing' in done.skipped_topics['/thing']
 
 
 def test_nobody_listens(bag):
@@ -304,8 +302,6 @@ def test_ranges_of_before_iron_reach_a_subscriber_of_today(tmp_path, release):
             bag.write(connection, 10 + k, serialize(message, ros_types.RANGE))
     with Observer() as observer:
         heard = observer.collect(Range, '/range', 10)
-        with NodeProcess('replay', [str(path), '--rate', '0', '--wait', '60']) as player:
-            observer.until(lambda: not player.running(), 90.0)
-            assert player.wait() == 0, player.output
+        replayed(path, observer, wait_topics=1)
         observer.until(lambda: len(heard) == 5)
     assert [(one.range, one.variance) for one in heard] == [(1.0 + k, 0.0) for k in range(5)]
