@@ -1,6 +1,11 @@
 """The placed scans that are kept for sampling.
 
 What comes in and what goes is counted by reason in `let_go`: evidence is never dropped silently.
+
+A scan is cast when it comes, for the memory its window would need, and again when it is indexed.
+Decision: its rays are not held in between. That would take 28 bytes a ray for as long as the
+scan is kept, a tenth more than the index, to save 0.23 ms a scan of 180 beams: of Intel 0.2 s in
+all when the scans come, beside 0.9 s for the index (5 cm, CPU time, on a busy machine).
 """
 
 from __future__ import annotations
