@@ -17,7 +17,7 @@ from ogm_mcmc.engine.odometry import OdometryAt, odometry_among
 from ogm_mcmc.engine.placing import DROP_REASONS, PoseSource, RobotScan, ScanPlacer
 from ogm_mcmc.engine.pose_choice import TF, RankedPoses
 from ogm_mcmc.engine.pose_history import PoseHistory, Unplaceable, Waiting
-from ogm_mcmc.engine.recorded_motion import track_of, with_recorded_motion
+from ogm_mcmc.engine.recorded_motion import seldom, track_of, with_recorded_motion
 from ogm_mcmc.engine.stream_choice import StreamChoice, StreamTopics
 from ogm_mcmc.engine.tf_poses import TfPoses
 from ogm_mcmc.errors import BagError, PoseError, ScanError
@@ -104,7 +104,7 @@ class PlacedScans:
         found = odometry_among(self.topics.poses, self.topics.base_frame, self.topics.tree)
         if found is None:
             return nodes
-        stamps = np.unique(np.concatenate(found.candidate.stamps))
+        stamps = seldom(np.concatenate(found.candidate.stamps))
         source, known, rows = self._poses_of(found), [], []
         for stamp_ns in stamps.tolist():
             with contextlib.suppress(Waiting, Unplaceable, PoseError):

@@ -21,13 +21,25 @@ from ogm_mcmc.engine.corrections import Nodes, corrected_poses
 from ogm_mcmc.engine.robot_track import RobotTrack, turned_back
 from ogm_mcmc.geometry import Pose2D
 
-__all__ = ['track_of', 'with_recorded_motion']
+__all__ = ['seldom', 'track_of', 'with_recorded_motion']
 
 # A radian errs by as much as so many metres.
 METRES_A_RADIAN = 1.0
 
 # Less is no difference, m.
 SLACK_M = 1e-3
+
+
+# Recorded poses are looked at so often: wheels that tell a thousand a second need no more room.
+EVERY_NS = 20_000_000
+
+
+def seldom(stamps_ns: Int64Array) -> Int64Array:
+    """Return the first of the stamps (N,) in every `EVERY_NS`, in rising order."""
+    rising = np.unique(stamps_ns)
+    _, first = np.unique(rising // EVERY_NS, return_index=True)
+    found: Int64Array = rising[first]
+    return found
 
 
 def track_of(stamps_ns: Int64Array, poses: Float64Array) -> RobotTrack:

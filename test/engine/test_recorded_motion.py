@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ogm_mcmc.engine.corrections import Nodes
-from ogm_mcmc.engine.recorded_motion import track_of, with_recorded_motion
+from ogm_mcmc.engine.recorded_motion import seldom, track_of, with_recorded_motion
 
 STEP_NS = 100_000_000
 STAMPS = np.arange(81, dtype=np.int64) * STEP_NS
@@ -69,3 +69,10 @@ def test_two_poses_and_no_more_go_with_what_was_recorded():
     true = way()
     filled = with_recorded_motion(Nodes(STAMPS[[0, 8]], true[[0, 8]]), track_of(STAMPS, true))
     assert filled.poses == pytest.approx(true[:9], abs=1e-9)
+
+
+def test_wheels_that_tell_a_thousand_poses_a_second_are_looked_at_fifty_times():
+    stamps = 7 * 10**9 + np.arange(1000, dtype=np.int64) * 1_000_000
+    assert np.array_equal(seldom(stamps[::-1]), stamps[::20])
+    assert np.array_equal(seldom(STAMPS), STAMPS)
+    assert seldom(STAMPS[:0]).size == 0
