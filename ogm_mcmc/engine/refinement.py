@@ -39,7 +39,8 @@ from ogm_mcmc.sampling.posterior import ARRIVES, Estimate
 
 __all__ = ['Refinement']
 
-# So many sweeps at most, enough to see what moves, where at most a tenth of the scans are new.
+# So many sweeps at most, enough to see what moves, where at most a tenth of the scans are new,
+# be they placed anew or not: a map that is right soon matters more then.
 WARM_BURN_IN = 16
 
 # The setting of a saved state that holds what was found of the beams.
@@ -104,8 +105,11 @@ class Refinement:
             moved = None if extends else moved_cells(window.spec, self._taken, scans)
             on = self.sampler if grows else None
             grown = None if on is None else Grown(on.model, old)
-            same = self.no_return.value == held[0].value and self.model == held[1]
-            soon = same and start is None and moved is None and self._knows(scans)
+            # The shares that are fitted change a little with every few scans: no matter.
+            before = held[1]
+            but_for_shares = replace(self.model, clutter=before.clutter, missing=before.missing)
+            same = self.no_return.value == held[0].value and but_for_shares == before
+            soon = same and start is None and self._knows(scans)
             sampler = self._begun(window, scans, start, (warm, moved, soon), grown)
         except BaseException:
             self.no_return, self.model, self.sensor = held

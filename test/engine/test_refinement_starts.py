@@ -178,7 +178,7 @@ def test_chains_begin_anew_where_scans_were_placed_anew_and_go_on_elsewhere(patc
 
 
 def test_chains_that_go_on_with_a_few_more_scans_count_soon():
-    """Once their burn-in is behind them; not where scans moved, nor from a map that is given."""
+    """Once their burn-in is behind them, placed anew or not; not from a map that is given."""
     many = [FIRST] * 9
     refinement = taken(*many, burn_in=30)
 
@@ -196,7 +196,8 @@ def test_chains_that_go_on_with_a_few_more_scans_count_soon():
     run(refinement, max_sweeps=31)
     assert burn_in_with(many[:5]) == WARM_BURN_IN
     run(refinement, max_sweeps=31)
-    assert burn_in_with([PlacedScan(FIRST.scan, PoseBelief(Pose2D(0.7, -0.4)))] * 5) == 30
+    anew = [PlacedScan(FIRST.scan, PoseBelief(Pose2D(0.7, -0.4)))] * 5
+    assert burn_in_with(anew) == WARM_BURN_IN  # placed anew, but known
 
 
 def test_a_window_of_other_scans_burns_in_however_many_they_are():
@@ -228,6 +229,17 @@ def test_chains_burn_in_where_scans_mean_another_thing(monkeypatch, changed):
         monkeypatch.setattr('ogm_mcmc.engine.refinement.fit_sensor', lambda *args: (fitted, None))
     refinement.take(many[:8])
     assert refinement.sampler.burn_in == 30
+
+
+def test_shares_that_are_fitted_anew_are_no_other_thing(monkeypatch):
+    many = [FIRST] * 9
+    refinement = taken(*many, burn_in=30)
+    run(refinement, max_sweeps=31)
+    fitted = replace(refinement.model, clutter=0.011, missing=0.02)
+    monkeypatch.setattr('ogm_mcmc.engine.refinement.fit_sensor', lambda *args: (fitted, None))
+    refinement.take(many[:8])
+    assert refinement.model.clutter == 0.011
+    assert refinement.sampler.burn_in == WARM_BURN_IN
 
 
 def test_chains_go_on_where_joint_poses_moved_all_scans_by_next_to_nothing():
