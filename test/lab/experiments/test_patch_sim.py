@@ -14,7 +14,7 @@ from ogm_mcmc.simulation import GridWorld, generate_floor
 @pytest.mark.jit
 def test_one_set_in_every_way(monkeypatch):
     """Few samples of one sparse building: the border prior is ahead by far."""
-    few = ChainPlan(samples=6, burn_in=12)
+    few = ChainPlan(samples=4, burn_in=8)
     monkeypatch.setattr(patch_sim, 'PLANS', dict.fromkeys(patch_sim.PLANS, few))
     best = {}
     for method in patch_sim.FILES:
