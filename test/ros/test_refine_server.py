@@ -270,7 +270,9 @@ def test_refine_again_stop_and_clear(walks):
         # The same scans: what was counted counts.
         client.refine()
         observer.until(lambda: client.sweeps() > sweeps + 20)
-        assert int(client.values()['sweeps counted']) == client.sweeps() - 50
+        # A burn-in ends earlier where the chains agree.
+        counted = int(client.values()['sweeps counted'])
+        assert client.sweeps() - 50 <= counted < client.sweeps()
 
         assert client.call('clear').message == f'forgot {2 * SCANS} scans'
         observer.until(lambda: as_array(client.maps[-1]).shape == (1, 1))
