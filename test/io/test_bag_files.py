@@ -140,7 +140,7 @@ def test_packed_recordings(tmp_path, pack):
     [
         (b'# CARMEN Logfile\n', 'a.log', 'import-carmen'),
         (b'FLASER 180', 'a', 'import-carmen'),
-        (gzip.compress(b'FLASER'), 'a.log.gz', 'import-carmen'),
+        (gzip.compress(b'FLASER', mtime=0), 'a.log.gz', 'import-carmen'),
         (b'   \n', 'a', 'its first bytes are of none'),
         (bytes(20), 'a', 'its first bytes are of none'),
     ],
