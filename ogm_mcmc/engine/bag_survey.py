@@ -102,6 +102,7 @@ class _Transforms:
         self.tree = TransformTree()
         self.faults: list[str] = []
         self._stamped: set[str] = set()
+        self._static: set[str] = set()
         self._waiting: dict[str, list[tuple[StampedTransform, int]]] = {}  # stamped 0, by child
 
     def take(self, message: Any, static: bool, time_ns: int) -> None:
@@ -112,13 +113,18 @@ class _Transforms:
             if not static and entry.stamp_ns == 0:
                 self._waiting.setdefault(entry.child, []).append((entry, time_ns))
                 continue
-            self._stamped.add(entry.child)
+            (self._static if static else self._stamped).add(entry.child)
             self.tree.add(entry, static=static, arrival_ns=time_ns)
 
     def finish(self) -> tuple[str, ...]:
-        """Take what waits; return the frames that move and never have a stamp."""
+        """Take what waits; return the frames that move and never have a stamp.
+
+        Where a transform is static, what came without a stamp beside it does not count.
+        """
         unstamped = []
         for child, waiting in self._waiting.items():
+            if child in self._static:
+                continue
             own = child in self._stamped
             if not own and len(waiting) > 1:
                 unstamped.append(child)
