@@ -97,7 +97,7 @@ class Mounts:
         self.transforms = transforms
         self.patience_s = patience_s
         self.tell = tell
-        self.faults: Recent[str] = Recent()  # what is wrong with the mount of a frame
+        self.faults: Recent[str] = Recent()  # what is wrong with the mount of a frame now
         self._first_s: Recent[float] = Recent()
         self._told: Recent[MountFound] = Recent()
         self._n_told = 0
@@ -125,6 +125,7 @@ class Mounts:
         except PoseError as error:
             self.faults[frame] = str(error)
             raise Unplaceable('scan_bad_mount') from None
+        self.faults.pop(frame, None)
         if self.source == 'topic':
             return self._found(frame, mount, 'topic')
         origin = 'tf_static'

@@ -180,3 +180,13 @@ def test_many_frames_are_not_all_told():
     for k in range(3 * MAX_TOLD):
         bench.at(1, frame=f'laser_{k}')
     assert len(bench.told) == MAX_TOLD
+
+
+def test_a_fault_is_forgotten_once_the_mount_is_found_again():
+    bench = Bench()
+    bench.tree.add(entry(1, turn=TILTED), static=True)
+    assert bench.why_not(1) == 'scan_bad_mount'
+    assert 'tilted' in bench.mounts.faults['laser']
+    bench.tree.add(entry(5, 0.2), static=True)
+    assert bench.at(6).pose.x_m == approx(0.2)
+    assert dict(bench.mounts.faults) == {}
