@@ -114,8 +114,7 @@ class TransformTree:
             history = self._frames[entry.child] = FrameHistory(static)
         before = len(history)
         taken = self._add_to(history, entry, arrival_ns)
-        if self._frames.get(entry.child) is history:  # else time restarted, and all is counted
-            self._n_entries += len(history) - before
+        self._n_entries += len(history) - before
         if self.keep_ns is not None:
             self._bound()
         return taken
@@ -131,20 +130,25 @@ class TransformTree:
             return True
         newest_ns = max(history.stamps[-1], entry.stamp_ns) if history.stamps else entry.stamp_ns
         if entry.stamp_ns < newest_ns - self.keep_ns:
-            return self._is_restart(entry)
+            return self._is_restart(history, entry)
         self._too_old.pop(entry.child, None)
         history.add(entry)
         history.keep_from(newest_ns - self.keep_ns)
         return True
 
-    def _is_restart(self, entry: StampedTransform) -> bool:
-        """Take an entry that is too old where those before it were, too: time restarted."""
+    def _is_restart(self, history: FrameHistory, entry: StampedTransform) -> bool:
+        """Take an entry that is too old where those before it were, too: time restarted.
+
+        For this frame: one of its senders may have a wrong clock. Where all time restarted, so
+        do the others by themselves.
+        """
         self._too_old[entry.child] = self._too_old.get(entry.child, 0) + 1
         if self._too_old[entry.child] <= RESTART_AFTER:
             return False
-        self._too_old.clear()
-        self.restart(entry.stamp_ns)
-        return self.add(entry)
+        del self._too_old[entry.child]
+        history.drop_first(len(history))
+        history.add(entry)
+        return True
 
     def _bound(self) -> None:
         """Forget half of the longest history, and parents of before, where there are too many."""
@@ -305,8 +309,10 @@ class TransformTree:
         """Return whether the base moves in the frame that it shares with another.
 
         So it is with a sensor of another robot in the same map; one that moves on this robot
-        hangs below its base.
+        hangs below its base, and what is repeated without change does not move.
         """
+        if self.constant(base, frame) is not None:
+            return False
         up, down = self.ancestors(frame), self.ancestors(base)
         shared = next((one for one in down if one in up), base)
         return any(map(self.is_moving, down[: down.index(shared)]))

@@ -347,3 +347,40 @@ def test_errors_name_some_of_very_many_frames():
     assert str(raised.value).endswith('and 981 more')
     assert len(str(raised.value)) < 400
     assert str(tree).endswith('; and 980 more')
+
+
+def test_one_sender_with_a_wrong_clock_takes_no_other_frame_with_it():
+    """The gripper has two senders, of which one is an hour behind and sends more often."""
+    tree = TransformTree(keep_s=30.0)
+    lost = 0
+    for k in range(300):
+        now = 5000.0 + k / 50
+        tree.add(entry('odom', 'base', now, x=float(k)))
+        tree.add(entry('base', 'gripper', now - 3600.0))
+        if k % 50 == 0:
+            tree.add(entry('base', 'gripper', now))
+        lost += planar(tree, 'odom', 'base', 5000.0)[0] != 0.0
+    assert lost == 0
+    assert tree._n_entries == sum(len(history) for history in tree._frames.values())
+    assert tree._n_entries > 300
+
+
+def test_after_a_true_restart_each_frame_is_there_again():
+    tree = TransformTree(keep_s=30.0)
+    for start in (1000.0, 0.0):
+        for k in range(40):
+            tree.add(entry('map', 'odom', start + k / 10))
+            tree.add(entry('odom', 'base', start + k / 10, x=start + k))
+    assert planar(tree, 'map', 'base', 2.0)[0] == approx(20.0)
+    assert tree.newest_common_ns('map', 'base') == round(3.9 * S)
+
+
+def test_a_base_whose_transform_is_repeated_does_not_move_apart():
+    tree = tree_of(entry('odom', 'base_link', 0.0), entry('odom', 'base_link', 1.0, x=1.0))
+    for stamp_s in (0.0, 1.0):
+        tree.add(entry('base_link', 'base_footprint', stamp_s))
+    tree.add(entry('base_link', 'laser', 0.0, x=0.2), static=True)
+    assert not tree.moves_apart('base_footprint', 'laser')
+    assert tree.moves_apart('base_footprint', 'odom')
+    tree.add(entry('base_link', 'base_footprint', 2.0, x=0.1))
+    assert tree.moves_apart('base_footprint', 'laser')
