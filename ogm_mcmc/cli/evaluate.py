@@ -97,7 +97,8 @@ def add_to(subparsers: Subparsers) -> None:
     asked.add_argument(
         '--path', type=Path, metavar='FILE',
         help='how likely a way is blocked, by the maps of --samples: lines x,y or poses as TUM or '
-        'EuRoC; cells never sampled count together with the probability --unknown',
+        'EuRoC; cells that data did not move count together, with the prior probability of the '
+        'samples or --unknown',
     )  # fmt: skip
     add_trajectory_judges(parser)
     parser.add_argument(
@@ -161,7 +162,8 @@ def run(options: argparse.Namespace) -> int:
         answers.update(_answers(options, judged, config))
     if options.path is not None:
         who = build(CollisionConfig, given(options, CollisionConfig))
-        answers['path'] = along_path(options, who, config.unknown)
+        told = 'unknown' in given(options, EvaluationConfig)
+        answers['path'] = along_path(options, who, config.unknown, told=told)
     paths = output_paths(options)
     named = {name: answer.figures for name, answer in answers.items() if name != 'truth'}
     against = answers['truth'].figures if 'truth' in answers else {}

@@ -41,11 +41,19 @@ def _columns(line: str) -> int:
     return len(said.split(';') if ';' in said else said.replace(',', ' ').split())
 
 
-def along_path(options: argparse.Namespace, config: CollisionConfig, unknown: float) -> Answer:
-    """Say how likely a disc meets something at each place of a way, and on the whole way."""
+def along_path(
+    options: argparse.Namespace, config: CollisionConfig, unknown: float, *, told: bool
+) -> Answer:
+    """Say how likely a disc meets something at each place of a way, and on the whole way.
+
+    As `refine_server` does: cells that data did not move count as unknown, with the prior that
+    the file of samples names; `unknown` where it names none, or the user `told` it.
+    """
     places = read_way(options.path)
     samples = load_samples(options.samples, options.max_cells)
-    bits = SampleBits.of_maps(samples.spec, samples.maps, samples.touched)
+    bits = SampleBits.of_maps(samples.spec, samples.maps, samples.known)
+    if samples.prior is not None and not told:
+        unknown = samples.prior
     risk = collision_risk(bits, places, config.robot_radius, unknown)
     figures = {
         'file': str(options.path),

@@ -83,7 +83,7 @@ def write_all(
         entropy = heat_png(entropy_bits(known.probability), 1.0)
         (scratch / paths['entropy'].name).write_bytes(entropy)
         if sampled.maps:
-            maps = _unpacked(sampled, mean)
+            maps = _unpacked(sampled, mean, known)
             save_samples(maps, scratch / paths['samples'].name, sampled.thin, settings)
         if sampled.trajectory is not None:
             stamps_ns, beliefs, _ = sampled.trajectory
@@ -116,7 +116,7 @@ def _layers(refinement: Refinement, box: CellBox) -> dict[str, Float32Array]:
     }
 
 
-def _unpacked(sampled: SampledMaps, mean: GridMap) -> MapSamples:
+def _unpacked(sampled: SampledMaps, mean: GridMap, known: GridMap) -> MapSamples:
     """Return the maps drawn, cropped like the mean."""
     spec = sampled.refinement.window.spec
     place = spec.slices(mean.spec.box)
@@ -124,4 +124,5 @@ def _unpacked(sampled: SampledMaps, mean: GridMap) -> MapSamples:
     for drawn, packed in zip(maps, sampled.maps, strict=True):
         whole = np.unpackbits(packed, count=spec.height * spec.width)
         drawn[:] = whole.reshape(spec.height, spec.width)[place]
-    return MapSamples(mean.spec, maps, np.isfinite(mean.probability))
+    touched, moved = np.isfinite(mean.probability), np.isfinite(known.probability)
+    return MapSamples(mean.spec, maps, touched, moved, sampled.refinement.prior)

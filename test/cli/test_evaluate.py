@@ -270,7 +270,7 @@ def test_samples_are_a_mixture(judged, maps):
     cells[0, 0, 2] = cells[1, 0, 1] = 1
     touched = np.isfinite(ESTIMATE)
     spec = GridSpec(0.1, 4, 3, column0=5, row0=-2)
-    save_samples(MapSamples(spec, cells, touched), maps / 'drawn.npz', 1, {})
+    save_samples(MapSamples(spec, cells, touched, touched), maps / 'drawn.npz', 1, {})
     of = judged('--samples', 'drawn.npz', '--leaving', 'exclude')['beams']
     expected = [by_hand(z, {0.2: 0.5, 0.1: 0.5}) for z in (0.2, math.inf, 0.05)]
     mixture = of['samples']

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from support.commands import command
 
-from ogm_mcmc.geometry import GridSpec, Pose2D
-from ogm_mcmc.io.sample_files import MapSamples, save_samples
+from ogm_mcmc.engine.refined_map import RefinedMap
+from ogm_mcmc.geometry import GridMap, GridSpec, Pose2D, SampleBits
+from ogm_mcmc.io.sample_files import MapSamples, load_samples, save_samples
 from ogm_mcmc.io.trajectory_files import write_tum
 
 WAY = [(0.15, 0.15), (0.45, 0.15), (0.85, 0.15)]
@@ -19,8 +20,12 @@ def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     maps = np.zeros((4, 3, 7), np.uint8)
     maps[1, :, 3] = 1
-    save_samples(MapSamples(GridSpec(0.1, 7, 3), maps, np.ones((3, 7), bool)),
-                 tmp_path / 's.npz', 1, {})  # fmt: skip
+    every = np.ones((3, 7), bool)
+    samples = MapSamples(GridSpec(0.1, 7, 3), maps, every, every)
+    save_samples(samples, tmp_path / 's.npz', 1, {})
+    # The door is where data moved nothing: the prior drew it.
+    moved = np.arange(7) < np.full((3, 1), 3)
+    save_samples(samples._replace(known=moved, prior=0.4), tmp_path / 'prior.npz', 1, {})
     (tmp_path / 'way.csv').write_text('x,y\n' + ''.join(f'{x},{y}\n' for x, y in WAY))
     write_tum(tmp_path / 'way.txt', [1, 2, 3], [Pose2D(x, y, 0.3) for x, y in WAY])
     return tmp_path
@@ -39,6 +44,25 @@ def test_answers(folder, capsys, file):
     assert found['whole_way'] == pytest.approx(0.25 + 0.75 * 0.2)
     assert (found['places'], found['samples']['maps']) == (3, 4)
     assert 'Way' in (folder / 'out' / 'evaluate' / 'evaluation.html').read_text()
+
+
+@pytest.mark.parametrize(('said', 'unknown'), [([], 0.4), (['--unknown', '0.2'], 0.2)])
+def test_what_data_did_not_move_is_one_chance_as_on_collision_query(folder, capsys, said, unknown):
+    code, out, err = command(
+        capsys, 'evaluate', '--path', 'way.csv', '--samples', 'prior.npz', '--robot-radius',
+        '0.06', '--json', *said,
+    )  # fmt: skip
+    assert code == 0, err
+    found = json.loads(out)
+    path = found['path']
+    assert [*path['risk'], path['whole_way']] == pytest.approx([0.0, unknown, unknown, unknown])
+    assert found['settings']['unknown'] == unknown
+    samples = load_samples(folder / 'prior.npz')
+    bits = SampleBits.of_maps(samples.spec, samples.maps, samples.touched)
+    mean = np.where(samples.known, np.float32(0.1), np.float32(np.nan))
+    bits = bits.known_in(GridMap(samples.spec, mean))
+    node = RefinedMap(1, GridMap(samples.spec, mean), unknown, 4, 1, 0, True, samples=bits)
+    assert node.collision_risk(np.array(WAY), 0.06).tolist() == [*path['risk'], path['whole_way']]
 
 
 @pytest.mark.parametrize(

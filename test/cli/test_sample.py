@@ -94,6 +94,9 @@ def test_all_files_tell_the_same(sample, tmp_path):
     drawn = load_samples(out / 'map_samples.npz')
     assert drawn.maps.shape == (200, *mean.shape)
     assert np.array_equal(drawn.touched, touched)
+    with np.load(out / 'map.npz') as data:
+        assert np.array_equal(drawn.known, np.isfinite(data['probability']))
+    assert drawn.prior == 0.15
     assert not drawn.maps[:, ~touched].any()
     # Draws of the same chains: their mean is the mean, within what 200 draws allow.
     error = np.abs(drawn.maps.mean(axis=0) - np.nan_to_num(mean))

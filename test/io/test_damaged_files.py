@@ -67,7 +67,8 @@ def samples_npz(path):
     rng = np.random.default_rng(4)
     maps = rng.integers(0, 2, (5, 3, 7), np.uint8)
     touched = rng.integers(0, 2, (3, 7)).astype(bool)
-    save_samples(MapSamples(GridSpec(0.5, 7, 3), maps, touched), path, 3, {'seed': 1})
+    samples = MapSamples(GridSpec(0.5, 7, 3), maps, touched, touched, 0.3)
+    save_samples(samples, path, 3, {'seed': 1})
 
 
 def small_model():
