@@ -82,7 +82,13 @@ class WindowConfig:
         'meaning of a range of +inf: clear: nothing on the ray up to range_max; ignore: not used',
         choices=('clear', 'ignore'),
     )
-    beam_stride: int = setting(1, 'use every n-th beam of a scan', low=1, high=10000)
+    beam_stride: int = setting(
+        1,
+        'use every n-th beam of a scan; what the sensor is like (chain.sensor, no_return) all '
+        'beams tell',
+        low=1,
+        high=10000,
+    )
     cut_sigma: float = setting(
         6.0,
         'a ray is followed up to this many sigma behind its reading; 0: up to the maximum range',

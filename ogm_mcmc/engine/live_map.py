@@ -41,22 +41,24 @@ def map_of(
 
 
 def live_map(scans: Iterable[PlacedScan], window: WindowConfig) -> GridMap:
-    """Return the two-assumption map of the same scans on the lattice of a window."""
-    config = MapperConfig(
-        resolution=window.resolution, max_range=window.max_range, no_return=window.no_return
-    )
-    return map_of(scans, config)
+    """Return the two-assumption map of the beams a window takes, on its lattice."""
+    return _map_of_window(scans, window, 'two_assumption')
 
 
 def reflection_map(scans: Iterable[PlacedScan], window: WindowConfig) -> GridMap:
-    """Return the share of beams that each cell of a window's lattice reflected ([slides])."""
+    """Return the share of the beams a window takes that each cell reflected ([slides])."""
+    return _map_of_window(scans, window, 'counting')
+
+
+def _map_of_window(scans: Iterable[PlacedScan], window: WindowConfig, method: str) -> GridMap:
+    """Map with the beams that are sampled, too."""
     config = MapperConfig(
-        method='counting',
+        method=method,
         resolution=window.resolution,
         max_range=window.max_range,
         no_return=window.no_return,
     )
-    return map_of(scans, config)
+    return map_of((scan.thinned(window.beam_stride) for scan in scans), config)
 
 
 def first_maps(

@@ -51,6 +51,10 @@ class PlacedScan(NamedTuple):
             arrays.extend(particles)
         return OBJECTS + sum(array.nbytes + ARRAY for array in arrays)
 
+    def thinned(self, stride: int) -> PlacedScan:
+        """Return every `stride`-th beam, the first among them; with 1 the scan itself."""
+        return self if stride == 1 else self._replace(scan=self.scan.thinned(stride))
+
     @classmethod
     def at(cls, scan: Scan, pose: Pose2D) -> PlacedScan:
         """Place a scan whose sensor's pose is known."""

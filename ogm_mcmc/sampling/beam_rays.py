@@ -47,9 +47,7 @@ def rays_of_scan(placed: PlacedScan, config: WindowConfig, sigma_m: float) -> Be
 
     Raises GridError for a ray that is too long.
     """
-    scan, sensor = placed.scan, placed.pose
-    if config.beam_stride > 1:
-        scan = scan.thinned(config.beam_stride)
+    scan, sensor = placed.thinned(config.beam_stride).scan, placed.pose
     spec = GridSpec(config.resolution, 1, 1)
     reach = usable_range(scan, spec, config.max_range)
     column, row, x, y = on_lattice(sensor, spec)

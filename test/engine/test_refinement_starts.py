@@ -132,6 +132,21 @@ def test_chains_start_from_the_live_map():
     assert maps(refinement) == [expected] * 3
 
 
+def test_beams_that_are_left_out_are_in_no_part_of_a_map():
+    """Neither in the start, nor as one more draw, nor in what cells reflected."""
+    found = []
+    for scans, stride in (([FIRST, SECOND], 2), ([one.thinned(2) for one in (FIRST, SECOND)], 1)):
+        config = settings({'beam_stride': stride}, start='live', chains=2, reflecting=0.5)
+        refinement = Refinement(config)
+        refinement.take(scans)
+        starts = maps(refinement)
+        run(refinement, max_sweeps=12)
+        found.append((starts, refinement.map()))
+    assert found[0][0] == found[1][0]
+    assert found[0][1].spec == found[1][1].spec
+    assert np.array_equal(found[0][1].probability, found[1][1].probability, equal_nan=True)
+
+
 @pytest.mark.parametrize(
     'patch',
     [PatchConfig(), pytest.param(PatchConfig(prior='uniform', size=9), marks=pytest.mark.jit)],
