@@ -95,7 +95,10 @@ def compare(
         raise GridError('no cell counts: expected cells known in the truth and inside the mask')
     filling = 1.0 if config.truth_unknown == 'occupied' else 0.0
     occupied: BoolArray = np.nan_to_num(truth.probability, nan=filling) >= 0.5
-    said = measured if filled is None else aligned(filled, truth, nearest=config.nearest)
+    said = measured
+    if filled is not None:
+        more = aligned(filled, truth, nearest=config.nearest)
+        said = np.where(np.isfinite(more), more, measured)
     probability: Float32Array = np.where(np.isfinite(said), said, np.float32(config.unknown))
     counts = confusion_counts(probability[counted], occupied[counted])
     bins = reliability(probability[counted], occupied[counted], config.bins)

@@ -41,10 +41,11 @@ def test_other_lattices_are_refused():
 
 def test_a_filled_map_judges_cells_that_are_unknown_but_does_not_make_them_known():
     estimate = grid([[0.2, 0.1, NAN], [0.6, 0.9, NAN]])
-    filled = grid([[0.2, 0.1, 0.8], [0.6, 0.9, NAN]])
+    filled = grid([[0.2, NAN, 0.8], [0.6, 0.9, NAN]])  # says nothing of a cell that is known
     of_all = compare(estimate, TRUTH, EvaluationConfig(unknown=0.3), filled=filled)
     assert of_all.figures['measured_cells'] == 3
     assert np.array_equal(of_all.probability[:, 2], np.float32([0.8, 0.3]))
+    assert of_all.probability[0, 1] == np.float32(0.1)
     assert np.isnan(of_all.measured[:, 2]).all()
     measured = compare(estimate, TRUTH, EvaluationConfig(mask='measured'), filled=filled)
     assert measured.figures['cells'] == 3
