@@ -28,8 +28,8 @@ __all__ = ['GRAIN', 'Stands', 'settled']
 GRAIN = 1.0 / 16.0
 """Side of a place of the lattice, cells."""
 
-Stands = dict[tuple[float, float, float], Pose2D]
-"""By place of the lattice of poses, the pose from which its scans are taken."""
+Stands = dict[tuple[float, float, float, float], Pose2D]
+"""By place of the lattice of poses and its side in yaw, rad, the pose its scans are taken from."""
 
 
 def settled(
@@ -50,6 +50,7 @@ def settled(
             (pose.x_m / grain_m + 0.5) // 1.0,
             (pose.y_m / grain_m + 0.5) // 1.0,
             (pose.yaw_rad / turn_rad + 0.5) // 1.0,
+            turn_rad,  # sensors of another reach have a lattice of their own
         )
         first = known.get(place) or new.setdefault(place, pose)
         taken.append(placed if first == pose else PlacedScan.at(placed.scan, first))

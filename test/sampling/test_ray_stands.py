@@ -103,6 +103,17 @@ def test_maps_are_as_likely_as_with_every_pose_to_the_last_bit():
     assert np.abs(said[0] - said[1]).max() / exact.n_beams < 2e-3
 
 
+def test_a_place_is_that_of_scans_of_one_reach():
+    """Two sensors at one spot, of 3 and 5 m: .9 and .54 rad are as many turns of theirs."""
+    here = [Pose2D(0.0, 0.0, yaw) for yaw in (0.9, 0.9 * 3.0 / 5.0)]
+    scans = [
+        PlacedScan.at(fan(1.0, increment=0.1, range_max_m=reach_m), pose)
+        for pose, reach_m in zip(here, (3.0, 5.0), strict=True)
+    ]
+    taken, new = settled(scans, {}, CONFIG)
+    assert [placed.pose for placed in taken] == here == list(new.values())
+
+
 def test_a_window_that_refuses_scans_has_not_seen_their_places():
     window = window_of([])
     scans = jittering(2, 1e-6)
