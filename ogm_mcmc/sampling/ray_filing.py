@@ -198,7 +198,7 @@ def _with_front(
     front = _grown(front, int(index.lists[-1, FRONT]))
     spread(before, where_old, index.lists[:, FRONT].astype(np.int64), front[:, None])
     fill_fronts(becoming, places, n_old, *old_tiles, rays, grid, next_front, front)
-    del becoming, places
+    del places
 
     begins = tiles.astype(np.int64)
     after = np.zeros_like(tiles)
