@@ -107,11 +107,11 @@ class _Field:
         if settings.of_free == 0.0:
             return
         near = FREE_FROM * settings.blur_m / settings.cell_m
+        below = float(settings.of_near(FREE_FROM))
         for k, (x, y) in zip(scans, ends, strict=True):
             at = (poses[k, :2] - self.corner) / settings.cell_m
             paint_free(
-                self.values, at[0], at[1], x, y, near, settings.of_near(FREE_FROM),
-                settings.of_free,
+                self.values, at[0], at[1], x, y, near, below, settings.of_free
             )  # fmt: skip
 
     def _ends(self, k: int, pose: Float64Array) -> Float64Array:
@@ -196,6 +196,7 @@ def recheck(
 
     Every scan is looked up around where it is in what those of other parts saw; those that fit
     badly for their number of points, also around where they are believed to be, as `far` says.
+    None does where most points lie in free space: nothing is usual there.
     """
     result = poses.copy()
     everyone = np.arange(points.n_scans)
@@ -212,7 +213,9 @@ def recheck(
             if _is_better(found[k] - score[k], pose - poses[k], near):
                 result[k] = pose
     usual = float(np.median(score / count))
-    for k in np.flatnonzero(found / count < FITTING_SHARE * usual):
+    # A share of a number below 0 is above it: most scans would be below that share.
+    badly = found / count < FITTING_SHARE * usual if usual > 0.0 else np.zeros(count.size, bool)
+    for k in np.flatnonzero(badly):
         # The field of a larger reach would only be wider: nothing is known out there.
         wide = fields[k % PARTS].within(far)
         best, pose = wide.look_up(int(k), factors.mean[k], factors, wide=True)

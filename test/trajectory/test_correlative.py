@@ -1,11 +1,14 @@
 """Looking scans up in what others saw."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+import pytest
 from support.rooms import path_through, scans_of
 
 from ogm_mcmc.geometry import PoseBelief
+from ogm_mcmc.trajectory import correlative
 from ogm_mcmc.trajectory.correlative import LookUp, look_up_in_turn, recheck, relocate
 from ogm_mcmc.trajectory.correlative_kernels import paint_free
 from ogm_mcmc.trajectory.factors import PoseFactors
@@ -77,3 +80,29 @@ def test_beams_make_free_what_they_pass_and_nothing_else() -> None:
     expected[10, 2:19] = -2.0
     expected[10, 9] = 0.8
     np.testing.assert_array_equal(field, expected.astype(np.float32))
+
+
+def test_points_near_others_are_told_by_a_plain_number(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of an array of no dimension the kernel would be compiled once more."""
+    given: list[type] = []
+    monkeypatch.setattr(correlative, 'paint_free', lambda *a: given.extend(map(type, a[5:])))
+    relocate(POINTS, TRUTH, factors_around(TRUTH), replace(NEAR, in_free=0.5), np.array([1]))
+    assert set(given) == {float}
+
+
+@pytest.mark.parametrize(('usual', 'looked_at'), [(10.0, [4]), (-10.0, []), (0.0, [])])
+def test_scans_fit_badly_where_most_fit_well_only(
+    usual: float, looked_at: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A share of what is usual says nothing where points of most scans lie in free space."""
+    far = LookUp(reach_m=4.0)
+    found: list[int] = []
+
+    def look_up(field: Any, k: int, at: Any, factors: Any, *, wide: bool) -> tuple[float, Any]:
+        found.extend([k] if field.settings is far else [])
+        count = POINTS.starts[k + 1] - POINTS.starts[k]
+        return float(count * (usual - 9.0 * (k == 4))), at
+
+    monkeypatch.setattr(correlative._Field, 'look_up', look_up)
+    recheck(POINTS, TRUTH, factors_around(TRUTH), NEAR, far)
+    assert found == looked_at
