@@ -11,13 +11,11 @@ from typing import Any
 import numpy as np
 
 from ogm_mcmc.engine.bag_topics import choose_topics
-from ogm_mcmc.engine.corrections import Nodes
 from ogm_mcmc.engine.mounts import MountFound, Mounts
 from ogm_mcmc.engine.odometry import OdometryAt, odometry_among
 from ogm_mcmc.engine.placing import DROP_REASONS, PoseSource, RobotScan, ScanPlacer
-from ogm_mcmc.engine.pose_choice import TF, RankedPoses
 from ogm_mcmc.engine.pose_history import PoseHistory, Unplaceable, Waiting
-from ogm_mcmc.engine.recorded_motion import seldom, track_of, with_recorded_motion
+from ogm_mcmc.engine.recorded_poses import LONGEST, recorded_poses
 from ogm_mcmc.engine.stream_choice import StreamChoice, StreamTopics
 from ogm_mcmc.engine.tf_poses import TfPoses
 from ogm_mcmc.errors import BagError, PoseError, ScanError
@@ -30,9 +28,6 @@ __all__ = ['PlacedScans', 'StreamChoice', 'StreamTopics', 'choose_topics', 'open
 
 # Remarks on so many kinds of oddities; more help nobody.
 MAX_REMARKS = 20
-
-# Poses of a topic kept where all are asked for.
-LONGEST = 10_000_000
 
 
 @dataclass
@@ -63,7 +58,6 @@ class PlacedScans:
     _hit: bool = field(default=False, init=False)
     _informed: bool = field(default=False, init=False)
     _last: Scan | None = field(default=None, init=False)
-    _recorded: str = field(default='', init=False)
 
     def __post_init__(self) -> None:
         """Prepare the source of poses and that of mounts."""
@@ -92,37 +86,15 @@ class PlacedScans:
         known = self.topics.trajectory
         if known is None:
             return PoseHistory(**self.choice.limits, keep=10_000)
-        poses = np.array([(pose.x_m, pose.y_m, pose.yaw_rad) for pose in known.poses])
-        nodes = self._filled_in(Nodes(known.stamps_ns, poses))
-        history = PoseHistory(**self.choice.limits, keep=max(1, nodes.stamps_ns.size))
-        for stamp_ns, row in zip(nodes.stamps_ns.tolist(), nodes.poses.tolist(), strict=True):
-            history.add(stamp_ns, PoseBelief(Pose2D(*row)))
+        history = PoseHistory(**self.choice.limits, keep=max(1, known.stamps_ns.size))
+        for stamp_ns, pose in zip(known.stamps_ns.tolist(), known.poses, strict=True):
+            history.add(stamp_ns, PoseBelief(pose))
         return history
-
-    def _filled_in(self, nodes: Nodes) -> Nodes:
-        """Return the poses of a trajectory, and between them those that odometry asks for."""
-        found = odometry_among(self.topics.poses, self.topics.base_frame, self.topics.tree)
-        if found is None:
-            return nodes
-        stamps = seldom(np.concatenate(found.candidate.stamps))
-        source, known, rows = self._poses_of(found), [], []
-        for stamp_ns in stamps.tolist():
-            with contextlib.suppress(Waiting, Unplaceable, PoseError):
-                pose = source.at(stamp_ns).mean
-                known.append(stamp_ns)
-                rows.append((pose.x_m, pose.y_m, pose.yaw_rad))
-        recorded = track_of(np.array(known, np.int64), np.array(rows).reshape(-1, 3))
-        filled = with_recorded_motion(nodes, recorded)
-        if filled is None:
-            return nodes
-        self._recorded = f'between poses of {self.topics.pose_name} motion is that of {found}'
-        return filled
 
     def __iter__(self) -> Iterator[PlacedScan]:
         """Yield placed scans in order of their stamps."""
-        for line in (*self.topics.remarks, self._recorded):
-            if line:
-                self.tell(line)
+        for line in self.topics.remarks:
+            self.tell(line)
         scan_names = {topic.name for topic in self.topics.scans}
         poses = {self.topics.pose_name} - {'tf'} if self.topics.trajectory is None else set()
         for record in self.bag.records(scan_names | poses):
@@ -185,11 +157,16 @@ class PlacedScans:
         return source
 
     def odometry(self) -> OdometryAt | None:
-        """Return the odometry of the bag beside the poses in use; None where there is none."""
-        found = odometry_among(self.topics.poses, self.topics.base_frame, self.topics.tree)
-        if found is None:
+        """Return the odometry of the bag beside the poses in use; None where there is none.
+
+        Nor where poses in use were filled in by it: it would be believed twice.
+        """
+        topics = self.topics
+        found = odometry_among(topics.poses, topics.base_frame, topics.tree)
+        if found is None or topics.filled_in:
             return None
-        self.odometry_name, source = str(found), self._poses_of(found)
+        self.odometry_name = str(found)
+        source = recorded_poses(self.bag, topics.tree, found.candidate, self.choice.limits)
 
         def at(stamp_ns: int) -> Pose2D | None:
             try:
@@ -198,21 +175,6 @@ class PlacedScans:
                 return None
 
         return at
-
-    def _poses_of(self, found: RankedPoses) -> PoseSource:
-        """Return all poses of another source than that in use."""
-        source, limits = found.candidate, self.choice.limits
-        if source.kind == TF:
-            return TfPoses(
-                self.topics.tree, source.frame, source.child_frame, complete=True, **limits
-            )
-        history = PoseHistory(keep=LONGEST, **limits)
-        for record in self.bag.records((source.name,)):
-            with contextlib.suppress(PoseError, BagError):
-                message: Any = self.bag.decode(record)
-                belief = messages.read_pose(message, with_covariance=False)
-                history.add(messages.stamp_of(message), belief)
-        return history
 
     def sensor_mounts(self) -> dict[str, MountFound]:
         """Return where each sensor sits, as `mounts` holds it, without reading the scans."""

@@ -20,13 +20,16 @@ from ogm_mcmc.engine.bag_survey import (
     survey,
     transform_topics,
 )
+from ogm_mcmc.engine.odometry import odometry_among
 from ogm_mcmc.engine.pose_choice import (
     FILE,
     TF,
     PoseCandidate,
+    choose_poses,
     tf_candidates,
 )
 from ogm_mcmc.engine.pose_motion import choose_robot_poses
+from ogm_mcmc.engine.recorded_poses import filled_in
 from ogm_mcmc.engine.scan_topics import (
     POSE_TYPES,
     lasers_of,
@@ -41,7 +44,7 @@ from ogm_mcmc.errors import BagError
 from ogm_mcmc.io import ros_types
 from ogm_mcmc.io.bags import BagReader
 from ogm_mcmc.io.tf_messages import TF_TYPES
-from ogm_mcmc.io.trajectory_files import read_trajectory, with_ends_held
+from ogm_mcmc.io.trajectory_files import Trajectory, read_trajectory, with_ends_held
 
 __all__ = ['choose_topics']
 
@@ -90,14 +93,11 @@ def _with_poses(
 ) -> StreamTopics:
     stamps = np.concatenate([topic.stamps for topic in scans])
     candidates = _candidates(seen, frames, [topic.topic.name for topic in scans])
-    trajectory = None
+    trajectory: Trajectory | None = None
+    moved_by = ''
     if choice.trajectory is not None:
-        read = read_trajectory(choice.trajectory, choice.trajectory_stamps)
-        trajectory = with_ends_held(read)
-        frame = choice.trajectory_frame or frames.base_frame
-        wanted = [
-            PoseCandidate(choice.trajectory.name, FILE, 'map', frame, (trajectory.stamps_ns,))
-        ]
+        source, trajectory, moved_by = _of_file(bag, choice, scans, seen, frames, candidates)
+        wanted = [source]
     else:
         wanted = [one for one in candidates if _is_wanted(one, choice)]
         candidates = [one for one in candidates if not _is_wanted(one, choice)]
@@ -116,6 +116,8 @@ def _with_poses(
         raise BagError(f'{bag.path}: {poses}')
     source = poses.chosen.candidate
     remarks += [str(poses), *strays]
+    if moved_by:
+        remarks.append(f'between poses of {source.name} motion is that of {moved_by}')
     if rare := poses.rarely():
         remarks.append(rare)
     used = {source.name, *(topic.topic.name for topic in scans)}
@@ -140,10 +142,37 @@ def _with_poses(
         tuple(remarks),
         tuple(sensor for one in scans for sensor in zip(one.frames, one.middle_ns, strict=True)),
         frozenset(unstamped),
+        bool(moved_by),
     )
 
 
 # -- poses ----------------------------------------------------------------------------------
+
+
+def _of_file(
+    bag: BagReader,
+    choice: StreamChoice,
+    scans: list[SeenTopic],
+    seen: BagSurvey,
+    frames: TfFrames,
+    candidates: list[PoseCandidate],
+) -> tuple[PoseCandidate, Trajectory, str]:
+    """Return the poses of a trajectory file, and what odometry they were filled in by, if any."""
+    assert choice.trajectory is not None
+    trajectory = read_trajectory(choice.trajectory, choice.trajectory_stamps)
+    frame = choice.trajectory_frame or frames.base_frame
+    source = PoseCandidate(choice.trajectory.name, FILE, 'map', frame, ())
+    base = _posed_frame(seen.tree, source, scans[0].frame, frames.base_frame)
+    stamps = np.concatenate([topic.stamps for topic in scans])
+    beside = choose_poses((), stamps, max_gap_s=choice.max_pose_gap_s, unwanted=candidates)
+    moved_by = ''
+    if (found := odometry_among(beside, base, seen.tree)) is not None:
+        filled = filled_in(bag, seen.tree, trajectory, found.candidate, choice.limits)
+        if filled is not None:
+            trajectory, moved_by = filled, str(found)
+    # Last: poses held beside their own would tell of each other what odometry is judged by.
+    trajectory = with_ends_held(trajectory)
+    return source._replace(stamps=(trajectory.stamps_ns,)), trajectory, moved_by
 
 
 def _frames(tree: TransformTree, scan_frame: str, choice: StreamChoice) -> TfFrames:

@@ -14,12 +14,15 @@ motion is used where it comes nearer (by the median) than straight lines do.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
-from ogm_mcmc.arrays import Float64Array, Int64Array
+from ogm_mcmc.arrays import BoolArray, Float64Array, Int64Array
 from ogm_mcmc.engine.corrections import Nodes, corrected_poses
 from ogm_mcmc.engine.robot_track import RobotTrack, turned_back
 from ogm_mcmc.geometry import Pose2D
+from ogm_mcmc.geometry.motion import SLACK_M, SLACK_RAD
 
 __all__ = ['seldom', 'track_of', 'with_recorded_motion']
 
@@ -27,8 +30,12 @@ __all__ = ['seldom', 'track_of', 'with_recorded_motion']
 METRES_A_RADIAN = 1.0
 
 # Less is no difference, m.
-SLACK_M = 1e-3
+NO_MORE_M = 1e-3
 
+# Wheels err by no more than this share of the way and of what the robot turned, and by so many
+# radians a metre.
+ERR_SHARE = 0.3
+ERR_RAD_A_METRE = 0.1
 
 # Recorded poses are looked at so often: wheels that tell a thousand a second need no more room.
 EVERY_NS = 20_000_000
@@ -50,21 +57,57 @@ def track_of(stamps_ns: Int64Array, poses: Float64Array) -> RobotTrack:
     return track
 
 
-def with_recorded_motion(nodes: Nodes, recorded: RobotTrack) -> Nodes | None:
+def with_recorded_motion(
+    nodes: Nodes, recorded: RobotTrack, longest_s: float = math.inf
+) -> Nodes | None:
     """Return the nodes and, between them, the recorded poses as these correct them.
 
-    None where recorded motion says nothing of what lies between, or worse than straight lines.
+    Nodes more than `longest_s` apart, or that went another way than was recorded, have none
+    between them. None where there is none at all, or where recorded motion foretells nodes worse
+    than straight lines.
     """
     stamps = recorded.stamps
     if len(recorded) < 2 or not _foretells(nodes, recorded):
         return None
     between = stamps[~np.isin(stamps, nodes.stamps_ns)]
     poses, covered = corrected_poses(recorded, nodes, between)
+    gap = np.searchsorted(nodes.stamps_ns, between) - 1
+    covered[covered] = _agreed(nodes, recorded, longest_s)[gap[covered]]
     if not covered.any():
         return None
     all_stamps = np.concatenate((nodes.stamps_ns, between[covered]))
     order = np.argsort(all_stamps, kind='stable')
     return Nodes(all_stamps[order], np.concatenate((nodes.poses, poses[covered]))[order])
+
+
+def _agreed(nodes: Nodes, recorded: RobotTrack, longest_s: float) -> BoolArray:
+    """Whether recorded motion from each node to the next (N - 1,) is about theirs."""
+    known = recorded.spans(nodes.stamps_ns)
+    near = np.diff(nodes.stamps_ns) <= longest_s * 1e9
+    away = _steps(nodes.poses) - _steps(recorded.at(nodes.stamps_ns))
+    since = recorded.stamps - recorded.stamps[0]
+    step = np.abs(np.diff(recorded.poses, axis=0))
+    gone = np.stack((np.hypot(step[:, 0], step[:, 1]), np.abs(turned_back(step[:, 2]))))
+    # How far it went and turned up to each node.
+    way, turned = (
+        np.diff(np.interp(nodes.stamps_ns - recorded.stamps[0], since, np.append(0.0, total)))
+        for total in np.cumsum(gone, axis=1)
+    )
+    place = np.hypot(away[:, 0], away[:, 1]) <= SLACK_M + ERR_SHARE * way
+    heading = np.abs(turned_back(away[:, 2])) <= (
+        SLACK_RAD + ERR_SHARE * turned + ERR_RAD_A_METRE * way
+    )
+    agreed: BoolArray = known[:-1] & known[1:] & near & place & heading
+    return agreed
+
+
+def _steps(poses: Float64Array) -> Float64Array:
+    """Return each pose (N - 1, 3) as seen from the one before it."""
+    step = np.diff(poses, axis=0)
+    cosine, sine = np.cos(poses[:-1, 2]), np.sin(poses[:-1, 2])
+    x, y = step[:, 0].copy(), step[:, 1].copy()
+    step[:, 0], step[:, 1] = cosine * x + sine * y, cosine * y - sine * x
+    return step
 
 
 def _foretells(nodes: Nodes, recorded: RobotTrack) -> bool:
@@ -76,7 +119,7 @@ def _foretells(nodes: Nodes, recorded: RobotTrack) -> bool:
     if not covered.any():
         return True  # nothing speaks against it
     straight = track_of(*kept).at(asked[covered])
-    return _error(told[covered], true[covered]) <= _error(straight, true[covered]) + SLACK_M
+    return _error(told[covered], true[covered]) <= _error(straight, true[covered]) + NO_MORE_M
 
 
 def _error(poses: Float64Array, true: Float64Array) -> float:

@@ -61,7 +61,8 @@ class StreamTopics(NamedTuple):
     `pose_source` is one of `POSE_SOURCES` or `trajectory`, `pose_name` the topic, tf or the name
     of the file. Poses are those of `base_frame` in `map_frame`. `remarks`: lines for the user.
     `sensors`: frame of each, and a stamp of one of its scans. `unstamped`: topics whose messages
-    count by the times they were recorded at, for want of a stamp.
+    count by the times they were recorded at, for want of a stamp. `trajectory`: all poses that are
+    used of a file, with `filled_in` also those that odometry tells between them.
     """
 
     scans: tuple[BagTopic, ...]
@@ -74,6 +75,7 @@ class StreamTopics(NamedTuple):
     remarks: tuple[str, ...] = ()
     sensors: tuple[tuple[str, int], ...] = ()
     unstamped: frozenset[str] = frozenset()
+    filled_in: bool = False
 
     @property
     def pose_name(self) -> str:

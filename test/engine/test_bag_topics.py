@@ -342,51 +342,6 @@ def test_nothing_measured_is_said(choose, scans):
     assert 'nothing was' not in str(choose([*scans(), *odometry()])[2])
 
 
-def test_a_trajectory_in_place_of_the_poses_of_the_bag(choose, scans, tmp_path):
-    path = tmp_path / 'poses.tum'
-    path.write_text('20.0 1 2 0 0 0 0 1\n20.7 1 9 0 0 0 0 1\n')
-    records = [*scans(), *odometry(), static('laser', 0.2, 0.0, 0.0)]
-    topics, placed, said = choose(records, trajectory=path)
-    assert topics.pose_source == 'trajectory'
-    assert placed[0].pose.x_m == pytest.approx(1.2)
-    assert placed[1].pose.y_m == pytest.approx(3.0)
-    assert said[0] == (
-        'poses from poses.tum (trajectory file, 100 % of 8 scans); also there: /odom 100 %'
-    )
-    _, placed, _ = choose(records, trajectory=path, trajectory_frame='laser')
-    assert placed[0].pose.x_m == pytest.approx(1.0)
-    path.write_text('1.0 1 2 0 0 0 0 1\n')
-    with pytest.raises(BagError, match=r'no poses at the stamps .*poses\.tum 1\.0 to 1\.0 s'):
-        choose(records, trajectory=path)
-
-
-def test_between_poses_of_a_trajectory_the_robot_goes_as_odometry_says(choose, scans, tmp_path):
-    path = tmp_path / 'poses.tum'
-    path.write_text('20.0 5 0 0 0 0 0 1\n20.7 5.4 0 0 0 0 0 1\n')
-    steps = [0.0, 0.0, 0.0, 0.0, 0.1, 0.2, 0.3, 0.4]  # it stands, then it goes
-    wheels = [('/odom', stamp, ros_types.odometry(stamp, Pose2D(step), 0.0, 0.0))
-              for stamp, step in zip(STAMPS, steps, strict=True)]  # fmt: skip
-    records = [*scans(), *wheels, static('laser', 0.0, 0.0, 0.0)]
-    _, placed, said = choose(records, trajectory=path)
-    assert [one.pose.x_m - 5.0 for one in placed] == pytest.approx(steps)
-    assert said[1] == 'between poses of poses.tum motion is that of /odom 100 %'
-    _, placed, said = choose([*scans(), static('laser', 0.0, 0.0, 0.0)], trajectory=path)
-    assert placed[1].pose.x_m == pytest.approx(5.0 + 0.4 / 7.0)
-    assert 'motion' not in str(said)
-
-
-def test_stamps_of_a_trajectory_may_be_rounded(choose, scans, tmp_path):
-    """By float64 to 100 ns, by a printf to milliseconds: first and last scan are placed."""
-    path, records = tmp_path / 'poses.tum', [*scans(), static('laser', 0.0, 0.0, 0.0)]
-    for first, last in (('20.0000001', '20.6999999'), ('20.0004', '20.6995')):
-        path.write_text(f'{first} 0 0 0 0 0 0 1\n{last} 1 0 0 0 0 0 1\n')
-        _, placed, said = choose(records, trajectory=path)
-        assert '100 % of 8 scans' in said[0]
-        assert (placed[0].pose.x_m, placed[-1].pose.x_m) == (0.0, 1.0)
-    path.write_text('20.002 0 0 0 0 0 0 1\n20.7 1 0 0 0 0 0 1\n')
-    assert len(choose(records, trajectory=path)[1]) == 7
-
-
 def test_covariances_are_looked_at_where_they_are_needed(choose, scans, make_pose):
     bad = [('/pose', stamp, make_pose(stamp, variances=(-1.0, 0, 0))) for stamp in STAMPS]
     _, placed, _ = choose([*scans(), *bad], beliefs=False)

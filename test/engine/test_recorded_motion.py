@@ -65,6 +65,24 @@ def test_what_another_robot_did_is_of_no_use():
     assert with_recorded_motion(nodes, track_of(STAMPS + 10**12, true)) is None
 
 
+def test_where_the_file_went_another_way_or_was_silent_for_long_nothing_is_filled_in():
+    true, at = way(), [0, 10, 20, 30, 60, 70]
+    nodes = Nodes(STAMPS[at], true[at].copy())
+    nodes.poses[3:, 0] += 0.2  # in a second of 1 m: as wheels err
+    recorded = track_of(STAMPS, true)
+    assert np.isin(STAMPS[:71], with_recorded_motion(nodes, recorded).stamps_ns).all()
+    filled = with_recorded_motion(nodes, recorded, longest_s=2.9)
+    assert filled.stamps_ns.tolist() == [*STAMPS[:31].tolist(), *STAMPS[60:71].tolist()]
+    nodes.poses[3:, 0] += 0.3  # carried
+    filled = with_recorded_motion(nodes, recorded)
+    assert filled.stamps_ns.tolist() == [*STAMPS[:21].tolist(), *STAMPS[30:71].tolist()]
+    nodes.poses[2:4, 0] = true[[20, 30], 0]
+    nodes.poses[5, 2] += 1.2  # turned by hand: 0.58 more than wheels err
+    assert (
+        with_recorded_motion(nodes, recorded).stamps_ns.tolist()[-2:] == STAMPS[[60, 70]].tolist()
+    )
+
+
 def test_two_poses_and_no_more_go_with_what_was_recorded():
     true = way()
     filled = with_recorded_motion(Nodes(STAMPS[[0, 8]], true[[0, 8]]), track_of(STAMPS, true))
