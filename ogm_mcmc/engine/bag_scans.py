@@ -13,7 +13,7 @@ import numpy as np
 from ogm_mcmc.engine.bag_topics import choose_topics
 from ogm_mcmc.engine.mounts import MountFound, Mounts
 from ogm_mcmc.engine.odometry import OdometryAt, odometry_among
-from ogm_mcmc.engine.placing import DROP_REASONS, PoseSource, RobotScan, ScanPlacer
+from ogm_mcmc.engine.placing import DROP_REASONS, PoseSource, RobotScan, ScanPlacer, final_belief
 from ogm_mcmc.engine.pose_history import PoseHistory, Unplaceable, Waiting
 from ogm_mcmc.engine.recorded_poses import LONGEST, recorded_poses
 from ogm_mcmc.engine.stream_choice import StreamChoice, StreamTopics
@@ -170,7 +170,7 @@ class PlacedScans:
 
         def at(stamp_ns: int) -> Pose2D | None:
             try:
-                return source.at(stamp_ns).mean
+                return final_belief(source, stamp_ns).mean
             except (Waiting, Unplaceable, PoseError):
                 return None
 

@@ -36,7 +36,7 @@ from ogm_mcmc.geometry import (
 )
 from ogm_mcmc.geometry.motion import jumps
 
-__all__ = ['DROP_REASONS', 'PoseSource', 'RobotScan', 'ScanPlacer', 'sensor_mount']
+__all__ = ['DROP_REASONS', 'PoseSource', 'RobotScan', 'ScanPlacer', 'final_belief', 'sensor_mount']
 
 NS_PER_S = 1_000_000_000
 
@@ -95,6 +95,16 @@ class PoseSource(Protocol):
     def clear(self) -> None:
         """Forget all poses."""
         ...
+
+
+def final_belief(source: PoseSource, stamp_ns: int) -> PoseBelief:
+    """Return the belief at a stamp where nothing is waited for; raises as `PoseSource.at`."""
+    try:
+        return source.at(stamp_ns)
+    except Waiting as waiting:
+        if waiting.belief is None:
+            raise
+        return waiting.belief
 
 
 class MountSource(Protocol):
@@ -260,7 +270,7 @@ class ScanPlacer:
             since_pose_s = now_s - max(arrived_s, self._last_pose_s)
             patient = since_pose_s <= self.timeout_s and waited_s <= PATIENCE * self.timeout_s
             try:
-                belief = self.source.at(scan.stamp_ns)
+                belief = self._belief(scan.stamp_ns, patient)
                 mount = self._mount(scan, now_s)
                 way = self._way(scan, belief, patient)
             except Waiting:
@@ -278,6 +288,11 @@ class ScanPlacer:
                 self._waiting.popleft()
                 self._still.placed(scan, belief)
                 yield RobotScan(scan, belief, mount, way)
+
+    def _belief(self, stamp_ns: int, patient: bool) -> PoseBelief:
+        if patient and len(self._waiting) < self.max_waiting:
+            return self.source.at(stamp_ns)
+        return final_belief(self.source, stamp_ns)
 
     def _held(self, reason: str, scan: Scan, now_s: float) -> Iterator[RobotScan]:
         """Yield a scan without a pose where it shows that the robot still stands; else drop it."""

@@ -31,7 +31,11 @@ class PoseLimits(TypedDict):
 
 
 class Waiting(Exception):  # noqa: N818 - a state, not an error
-    """The pose may still come."""
+    """The pose may still come; `belief` is what to take where it does not (None: nothing)."""
+
+    def __init__(self, belief: PoseBelief | None = None) -> None:
+        super().__init__()
+        self.belief = belief
 
 
 class Unplaceable(Exception):  # noqa: N818 - an answer, not an error
@@ -45,7 +49,8 @@ class PoseHistory:
     imply that the robot moved faster than `max_speed_m_s` or turned faster than `max_turn_rad_s`
     (a localizer that found its place again: what lies between is no place where it was). At the
     very stamp of a pose that is as far from the one before it, the next one tells: from a stray
-    pose it is as far again. At most `2 keep` poses are held, and of clouds so many that they have
+    pose it is as far again. Where no next one comes nothing contradicts it (a localizer found its
+    place, and stands). At most `2 keep` poses are held, and of clouds so many that they have
     `MAX_PARTICLES` particles.
     """
 
@@ -143,7 +148,7 @@ class PoseHistory:
         if k == 0 or not self._jumps_to(k):
             return
         if k + 1 == len(self.stamps):
-            raise Waiting
+            raise Waiting(self.beliefs[k])
         if self._jumps_to(k + 1):
             raise Unplaceable('pose_jump')
 

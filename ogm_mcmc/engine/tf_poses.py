@@ -62,7 +62,7 @@ class TfPoses:
             pose, upside_down = along(edges).planar()
             if upside_down:
                 raise Unplaceable('pose_unusable')
-            if self._jumps(edges) or self._is_stray(edges, stamp_ns):
+            if self._jumps(edges) or self._is_stray(edges, stamp_ns, pose):
                 raise Unplaceable('pose_jump')
         except PoseError:
             raise Unplaceable('pose_unusable') from None
@@ -140,10 +140,10 @@ class TfPoses:
             self._wait_for(target, source, stamp_ns)
             raise Unplaceable('pose_unavailable') from None
 
-    def _is_stray(self, edges: list[Edge], stamp_ns: int) -> bool:
+    def _is_stray(self, edges: list[Edge], stamp_ns: int, pose: Pose2D) -> bool:
         """Return whether an entry at the very stamp jumps, and the next one jumps again.
 
-        Raises Waiting while the next one is not known.
+        Raises Waiting, with the pose there, while the next one is not known.
         """
         if all(edge.around.apart_ns or not self.tree.is_moving(edge.child) for edge in edges):
             return False
@@ -156,7 +156,7 @@ class TfPoses:
         try:
             after = self.tree.edges(self.map_frame, self.base_frame, stamp_ns + 1)
         except TransformError:
-            raise Waiting from None
+            raise Waiting(PoseBelief(pose)) from None
         return self._jumps(after)
 
     def _jumps(self, edges: list[Edge]) -> bool:

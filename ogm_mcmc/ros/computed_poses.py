@@ -18,6 +18,7 @@ from ogm_mcmc.config.nodes import ReplayConfig
 from ogm_mcmc.engine.bag_scans import PlacedScans
 from ogm_mcmc.engine.bag_topics import choose_topics
 from ogm_mcmc.engine.mounts import MountFound, mounts_setting
+from ogm_mcmc.engine.placing import final_belief
 from ogm_mcmc.engine.pose_history import RESTART_NS, Unplaceable, Waiting
 from ogm_mcmc.engine.stream_choice import StreamChoice
 from ogm_mcmc.errors import BagError, PoseError
@@ -63,7 +64,7 @@ class ComputedPoses:
         if header is None:
             return []
         try:
-            belief = self.source.at(header.stamp_ns)
+            belief = final_belief(self.source, header.stamp_ns)
         except (Waiting, Unplaceable, PoseError):
             self.missing += 1
             return []

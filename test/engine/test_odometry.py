@@ -155,9 +155,16 @@ def test_odometry_of_a_bag_is_found_beside_its_poses(write_bag, make_scan, make_
     assert odometry(stamps[0] - 1) is None
 
 
-@pytest.mark.parametrize(('limits', 'x_m'), [({}, None), ({'max_speed_m_s': 100.0}, 2.85)])
+@pytest.mark.parametrize(
+    ('limits', 'jump', 'asked', 'x_m'),
+    [
+        ({}, 4, 3.5, None),
+        ({'max_speed_m_s': 100.0}, 4, 3.5, 2.85),
+        ({}, 7, 7.0, 5.7),  # none comes after it
+    ],
+)
 def test_limits_of_poses_hold_for_the_odometry_of_a_bag(
-    write_bag, make_scan, make_pose, limits, x_m
+    write_bag, make_scan, make_pose, limits, jump, asked, x_m
 ):
     stamps = [20 * SECOND + k * SECOND // 10 for k in range(8)]
     records = []
@@ -165,12 +172,16 @@ def test_limits_of_poses_hold_for_the_odometry_of_a_bag(
         records += [
             ('/scan', stamp, make_scan(stamp)),
             ('/pose', stamp, make_pose(stamp, 0.1 * k)),
-            ('/odom', stamp, ros_types.odometry(stamp, Pose2D(0.1 * k + 5.0 * (k > 3)), 1.0, 0.0)),
+            (
+                '/odom',
+                stamp,
+                ros_types.odometry(stamp, Pose2D(0.1 * k + 5.0 * (k >= jump)), 1.0, 0.0),
+            ),
         ]
     wanted = StreamChoice(**limits)
     with BagReader(write_bag(records, 'mcap')) as bag:
         odometry = PlacedScans(bag, choose_topics(bag, wanted), wanted).odometry()
-    found = odometry(stamps[3] + SECOND // 20)
+    found = odometry(stamps[0] + round(asked * SECOND / 10))
     assert (None if found is None else found.x_m) == pytest.approx(x_m)
 
 

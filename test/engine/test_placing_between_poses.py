@@ -8,6 +8,7 @@ from support.placers import S, belief, placed, placer_with, scan
 from support.strategies import fan
 
 from ogm_mcmc.engine import pose_history
+from ogm_mcmc.engine.placing import final_belief
 from ogm_mcmc.engine.pose_history import PoseHistory, Unplaceable, Waiting
 from ogm_mcmc.geometry import Pose2D, PoseBelief, PoseSamples
 
@@ -124,6 +125,23 @@ def test_a_stray_pose_places_no_scan_even_at_its_own_stamp():
     assert [reason for reason, _ in dropped] == ['pose_jump']
     placer.add_pose(3 * S // 10, belief(1.5))
     assert placed(placer) == [(0.2, 1.0)]
+
+
+def test_where_no_next_pose_comes_one_that_jumped_is_taken():
+    """Nothing contradicts it: a localizer that found its place and stands."""
+    placer, dropped = placer_with((0.0, belief()), (0.1, belief(900.0)))
+    placer.add_scan(scan(0.1))
+    assert placed(placer, now_s=1.0) == []
+    assert placed(placer, now_s=1.1) == [(0.1, 900.0)]
+    assert final_belief(placer.source, S // 10).mean.x_m == 900.0
+    with pytest.raises(Waiting):
+        final_belief(placer.source, S)
+    placer, dropped = placer_with((0.0, belief()), (0.1, belief(900.0)))
+    placer.add_scan(scan(0.1))
+    assert placed(placer, now_s=1.0) == []
+    placer.add_pose(6 * S // 10, belief(1.0), now_s=1.0)  # it was a stray one
+    assert placed(placer, now_s=9.0) == []
+    assert [reason for reason, _ in dropped] == ['pose_jump']
 
 
 def test_turning_too_fast_is_a_jump_as_well():

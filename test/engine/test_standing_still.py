@@ -82,3 +82,25 @@ def test_the_pose_of_before_another_one_does_not_hold():
     """The robot went elsewhere, where it looks the same."""
     found = placed_at([(1.0, 2.0), (2.0, 4.0)], [(1, seen_from()), (9, seen_from(seed=1))])
     assert found == ([2.0], {'pose_timeout': 1}, 0)
+
+
+def test_a_place_found_again_holds_while_nothing_moves():
+    """A localizer jumps at the stamp of a scan and says nothing more: live, and to the end."""
+    placer = ScanPlacer(PoseHistory(), timeout_s=1.0)
+    found = []
+    for k in range(60):
+        if k in (0, 5, 10):
+            placer.add_pose(k * S // 10, PoseBelief(Pose2D(50.0 if k == 10 else 0.0)), k / 10)
+        placer.add_scan(replace(seen_from(seed=k), stamp_ns=k * S // 10), k / 10)
+        found += [one.belief.mean.x_m for one in placer.placed(k / 10)]
+        assert k < 25 or 50.0 in found
+    found += [one.belief.mean.x_m for one in placer.flush()]
+    assert found == [0.0] * 6 + [50.0] * 50
+    assert (placer.dropped, placer.n_held) == ({'pose_jump': 4}, 49)
+
+
+def test_a_place_found_again_holds_however_many_scans_wait_for_more_poses():
+    scans = [(1 + k / 10, seen_from(seed=k)) for k in range(12)]
+    found, dropped, _ = placed_at([(0.0, 0.0), (1.0, 50.0)], scans, max_waiting=4)
+    assert found == [50.0] * 5
+    assert dropped == {'queue_full': 7}

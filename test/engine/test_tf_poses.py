@@ -97,6 +97,10 @@ def test_a_stray_transform_places_nothing_even_at_its_own_stamp():
     assert entries(0.0, 900.0, 900.1).at(S // 10).mean.x_m == 900.0
     with pytest.raises(Waiting):
         entries(0.0, 900.0).at(S // 10)
+    placer = ScanPlacer(entries(0.0, 900.0))
+    placer.add_scan(fan(1.0, stamp_ns=S // 10))
+    assert list(placer.placed()) == []
+    assert [one.belief.mean.x_m for one in placer.flush()] == [900.0]  # none contradicts it
     assert entries(900.0, 0.1, 0.2).at(0).mean.x_m == 900.0  # nothing before it
 
 
