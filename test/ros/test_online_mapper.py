@@ -5,8 +5,10 @@ What needs a process, other nodes or DDS is in test_methods.py and test_map_topi
 
 import math
 from contextlib import ExitStack
+from dataclasses import replace
 from importlib.util import find_spec
 
+import numpy as np
 import pytest
 
 pytest.importorskip('rclpy', reason='rclpy is not installed: no ROS tests')
@@ -19,6 +21,7 @@ from ogm_mcmc.engine.tree_files import load_tree
 from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.geometry import CellBox
 from ogm_mcmc.io.map_files import load_map
+from ogm_mcmc.pipeline import MappingPipeline
 from ogm_mcmc.ros.online_mapper import OnlineMapper, main
 
 pytestmark = [pytest.mark.ros]
@@ -114,6 +117,30 @@ def test_beams_without_a_return_wait_until_it_is_seen_what_they_cross(mapper):
     assert change(node, 'no_return', 'auto').successful
     assert node.pipeline.config.no_return == 'ignore'  # careful again
     node.publish_diagnostics()
+
+
+def test_until_it_clears_a_live_map_is_that_without_beams_without_a_return(mapper):
+    """Offline they clear from the first scan on: more is known, nothing is more occupied."""
+    node, taken = mapper(), []
+    update = node.pipeline.update
+    node.pipeline.update = lambda placed: (taken.append(placed), update(placed))[1]
+    for k in range(110):
+        x = 0.05 + 0.06 * k
+        node.intake.on_pose(pose(1.0 + k, x, 0.05))
+        node.intake.on_scan(scan(1.0 + k, (max(7.2 - x, 0.05), *[math.inf] * 3)))
+    assert node.pipeline.config.no_return == 'clear'
+    offline = MappingPipeline(replace(node.pipeline.config, no_return='clear'))
+    without = MappingPipeline(offline.config)
+    for k, placed in enumerate(taken):
+        offline.update(placed)
+        ranges = placed.scan.ranges_m
+        silent = np.where(np.isinf(ranges) & (k < 100), np.float32(np.nan), ranges)
+        without.update(placed._replace(scan=replace(placed.scan, ranges_m=silent)))
+    live = node.pipeline.map()
+    assert np.array_equal(live.probability, without.map().probability, equal_nan=True)
+    at_once, known = offline.method.probabilities(live.spec.box), np.isfinite(live.probability)
+    assert (at_once[known] <= live.probability[known]).all()
+    assert 0 < known.sum() < np.isfinite(offline.map().probability).sum()
 
 
 def test_a_reset_forgets_what_beams_without_a_return_meant(mapper):
