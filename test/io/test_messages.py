@@ -344,36 +344,6 @@ def test_ranges_that_contradict_themselves(shape, changes, message):
         read_range(ranged(1.0, shape, **changes))
 
 
-def weighted(*rows):
-    """Make a nav2_msgs/ParticleCloud look-alike of (x, y, weight)."""
-    return SimpleNamespace(
-        particles=[
-            SimpleNamespace(pose=stamped(0.0, 0.0, 0.0, 1.0, (x, y)).pose, weight=weight)
-            for x, y, weight in rows
-        ]
-    )
-
-
-def test_particle_cloud_keeps_its_weights():
-    belief = read_particles(weighted((0.0, 0.0, 3.0), (4.0, 2.0, 1.0)))
-    assert belief.particles.weights.tolist() == [0.75, 0.25]
-    assert (belief.mean.x_m, belief.mean.y_m) == (1.0, 0.5)
-
-
-@pytest.mark.parametrize('scale', [1e308, 5e-324])
-def test_particle_weights_count_in_proportion(scale):
-    belief = read_particles(weighted((0.0, 0.0, scale), (4.0, 2.0, scale)))
-    assert belief.particles.weights.tolist() == [0.5, 0.5]
-
-
-@pytest.mark.parametrize(
-    'rows', [[], [(0, 0, 0.0)], [(0, 0, -1.0), (0, 1, 2.0)], [(0, 0, math.nan)]]
-)
-def test_particle_clouds_that_are_none(rows):
-    with pytest.raises(PoseError, match=r'particles|weights'):
-        read_particles(weighted(*rows))
-
-
 def test_read_path_sorts_by_the_stamps_of_its_poses():
     poses = [Pose2D(1.0, 2.0, 0.5), Pose2D(3.0, 4.0, -0.5)]
     message = ros_types.path(9, 'map', [2_000_000_007, 1_000_000_001], poses)
