@@ -90,10 +90,11 @@ def add_to(subparsers: Subparsers) -> None:
     parser = subparsers.add_parser(
         'sample',
         help='sample maps from the full posterior: their mean, entropy, samples',
-        description='Sample maps from the full posterior. The NPZ has layers: probability, the '
-        'posterior mean where data moved it, nan elsewhere; posterior_mean, the same of every '
-        'cell that a ray came to; mcse, the standard error of that by chance; r_hat, by which '
-        'chains agree (1: they do); ess, effective samples.',
+        description='Sample maps from the full posterior. The NPZ has layers: probability, where '
+        'data moved it, nan elsewhere: of the maps drawn, and of what cells reflected; '
+        'posterior_mean, the mean of the maps drawn alone, of every cell that a ray came to; '
+        'mcse, the standard error of that by chance; r_hat, by which chains agree (1: they do); '
+        'ess, effective samples.',
     )
     parser.add_argument('bag', type=Path, help='ROS 1 bag or rosbag2 with scans and poses')
     parser.add_argument(

@@ -20,6 +20,7 @@ from ogm_mcmc.io.map_files import save_npz
 from ogm_mcmc.io.sample_files import MapSamples, save_samples
 from ogm_mcmc.io.tum_files import deviations_file, write_beliefs
 from ogm_mcmc.plotting import heat_png
+from ogm_mcmc.sampling.estimates import hide_uncertain
 
 __all__ = ['SampledMaps', 'write_all']
 
@@ -47,14 +48,14 @@ def write_all(
     """Write map, NPZ, entropy, samples and JSON; return the paths by kind.
 
     The NPZ and the entropy have `Refinement.known_map`: nan where data did not move a cell. Its
-    layer `posterior_mean` has all cells that rays came to: behind the first surface the prior
-    alone speaks there, and draws it solid. PGM and PNG show what is more certain than the prior
-    (`Refinement.shown_map`). An old set is replaced as a whole.
+    layer `posterior_mean` is the mean of the draws alone, of all cells that rays came to: behind
+    the first surface the prior alone speaks there, and draws it solid. PGM and PNG show where
+    that is more certain than the prior (`hide_uncertain`). An old set is replaced as a whole.
     """
     refinement, settings = sampled.refinement, result['settings']
     assert refinement.sampler is not None
     estimate = refinement.sampler.estimate()
-    mean = refinement.map(estimate).cropped()
+    mean = refinement.drawn_map(estimate).cropped()
     known = _on(mean.spec, refinement.known_map(estimate))
     paths = {kind: folder / f'{name}.{kind}' for kind in ('npz', 'png', 'pgm', 'yaml')}
     paths['entropy'] = folder / f'{name}_entropy.png'
@@ -77,7 +78,7 @@ def write_all(
     result.update(shape)
     with replacing_set(folder, name, gone) as scratch:
         layers = {'posterior_mean': mean.probability, **_layers(refinement, mean.spec.box)}
-        shown = refinement.shown_map(known, estimate.draws, sampled.margin)
+        shown = hide_uncertain(known, refinement.prior, sampled.margin, estimate.draws, mean)
         write_shown(shown, scratch, output, name)
         save_npz(known, scratch / f'{name}.npz', settings, layers)
         entropy = heat_png(entropy_bits(known.probability), 1.0)

@@ -19,15 +19,17 @@ __all__ = ['RefinedMap', 'WorkerStatus']
 
 
 class RefinedMap(NamedTuple):
-    """A posterior mean as it was handed over, nan where data says nothing; `number` rises by one.
+    """A refined map as it was handed over, nan where data says nothing; `number` rises by one.
 
-    It is the mean of `draws` maps of all chains; a cell of which nothing is known has `prior`.
-    `trajectory` are the poses it was sampled at, where they are estimated; `samples` some of the
-    maps, None while no sweep counts.
+    `drawn` is the mean of `draws` maps of all chains, which decides what is shown, with a value
+    also where data says nothing; a cell of which nothing is known has `prior`. `trajectory` are
+    the poses it was sampled at, where they are estimated; `samples` some of the maps, None while
+    no sweep counts.
     """
 
     number: int
     grid_map: GridMap
+    drawn: GridMap
     prior: float
     draws: int
     scans: int
@@ -47,8 +49,8 @@ class RefinedMap(NamedTuple):
         return collision_risk(self.samples, places, radius_m, self.prior)
 
     def shown(self, margin: float) -> GridMap:
-        """Return the map where it is surer than the prior by `margin`; see `hide_uncertain`."""
-        return hide_uncertain(self.grid_map, self.prior, margin, self.draws)
+        """Return the map where draws are surer than the prior by `margin`: `hide_uncertain`."""
+        return hide_uncertain(self.grid_map, self.prior, margin, self.draws, self.drawn)
 
 
 class WorkerStatus(NamedTuple):

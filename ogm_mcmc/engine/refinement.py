@@ -33,7 +33,7 @@ from ogm_mcmc.files.output_files import replacing
 from ogm_mcmc.geometry import GridMap, GridSpec, PlacedScan
 from ogm_mcmc.sampling import ChainQuality, PosteriorModel, PosteriorSampler, RayWindow
 from ogm_mcmc.sampling.chain_starts import forgotten
-from ogm_mcmc.sampling.estimates import hide_uncertain, with_one_more_draw, with_share_of
+from ogm_mcmc.sampling.estimates import with_one_more_draw, with_share_of
 from ogm_mcmc.sampling.informed import known_cells
 from ogm_mcmc.sampling.posterior import ARRIVES, Estimate
 
@@ -298,13 +298,13 @@ class Refinement:
     # -- maps out ---------------------------------------------------------------------------
 
     def map(self, of: Estimate | None = None) -> GridMap:
-        """Return the posterior mean on the window, nan where no ray ever came.
+        """Return the probabilities on the window, nan where no ray ever came.
 
-        Of counted sweeps, the live map as one more draw, and the share of beams that cells
-        reflected with its weight, `chain.reflecting`; or `of` what is shown until then.
+        The mean of counted draws, with the live map as one more, and the share of beams that
+        cells reflected with its weight, `chain.reflecting`; or `of` what is shown until then.
         """
         of = of or self._sampled().estimate()
-        found = self.grid_map(of.mean)
+        found = self.drawn_map(of)
         if of.sweeps == 0:
             return found
         live, reflection = self._beside(found.spec)
@@ -312,6 +312,10 @@ class Refinement:
         if reflection is None:
             return found
         return with_share_of(found, reflection, self.config.chain.reflecting)
+
+    def drawn_map(self, of: Estimate | None = None) -> GridMap:
+        """Return the mean of the draws alone on the window, nan where no ray ever came."""
+        return self.grid_map((of or self._sampled().estimate()).mean)
 
     def _beside(self, spec: GridSpec) -> tuple[GridMap, GridMap | None]:
         """Return the live map on a window, and the reflection map where that has a weight."""
@@ -325,20 +329,13 @@ class Refinement:
         return self._others
 
     def known_map(self, of: Estimate | None = None) -> GridMap:
-        """Return `map` where data moved it, nan elsewhere (see `known_cells`)."""
+        """Return `map` where data moved what was drawn, nan elsewhere (see `known_cells`)."""
         sampler, spec = self._sampled(), self.window.spec
         of = of or sampler.estimate()
-        whole = self.map(of)
+        whole, drawn = self.map(of), self.drawn_map(of)
         arrives = (sampler.arrival(of.mean) >= ARRIVES).reshape(spec.height, spec.width)
-        known = known_cells(whole.probability, arrives, self.config.patch.margin)
+        known = known_cells(drawn.probability, arrives, self.config.patch.margin)
         return GridMap(spec, np.where(known, whole.probability, np.float32(np.nan)))
-
-    def shown_map(self, known: GridMap, draws: int, margin: float) -> GridMap:
-        """Return what `known_map` gave of so many draws where it is surer than the prior.
-
-        See `hide_uncertain`.
-        """
-        return hide_uncertain(known, self.prior, margin, draws)
 
     def grid_map(self, values: Float32Array) -> GridMap:
         """Return values (C,) of the touched cells on the window, nan elsewhere."""

@@ -323,6 +323,7 @@ class RefineWorker:
             self.result = RefinedMap(
                 self._handed_over,
                 grid_map,
+                refinement.drawn_map(mean),
                 refinement.prior,
                 mean.draws,
                 len(order.scans),

@@ -69,28 +69,36 @@ def _information(joint: Float64Array, product: Float64Array) -> Float64Array:
     return np.maximum(information, 0.0)
 
 
-def hide_uncertain(grid_map: GridMap, prior: float, margin: float, draws: int = 0) -> GridMap:
-    """Return a map with nan wherever it is no more certain than the prior.
+def hide_uncertain(
+    grid_map: GridMap,
+    prior: float,
+    margin: float,
+    draws: int = 0,
+    drawn: GridMap | None = None,
+) -> GridMap:
+    """Return a map with nan wherever what was drawn is no more certain than the prior.
 
+    `drawn`, of the same cells, is the mean of the draws and decides; without it the map itself.
+    What is mixed into the map says how solid a cell is, not how sure the draws are.
     Certain is max(p, 1 - p); a cell is shown when it exceeds that of the prior by `margin`. For a
     mean of so many `draws`, all maps that are in it and no others (of the burn-in, too, while the
     mean of these is shown), it must also differ from the prior by more than chance makes a cell
     differ of which no beam says anything: by three standard errors,
     3 sqrt(prior (1 - prior) / draws), or by being the same in all of enough draws.
     """
-    p = grid_map.probability
+    p = grid_map.probability if drawn is None else drawn.probability
     limit = max(prior, 1.0 - prior) + margin
     with np.errstate(invalid='ignore'):
         shown = np.maximum(p, np.float32(1.0) - p) > limit
         if draws > 0:
             by_chance = 3.0 * np.sqrt(prior * (1.0 - prior) / draws)
             differs = np.abs(p - np.float32(prior)) > by_chance
-            # A guess as one more draw moves no cell that is the same in all draws further.
+            # Also where a guess is one more draw: it moves no cell that is the same further.
             same = np.float32(1.0 / (draws + 1))
             differs |= (p < same) & ((1.0 - prior) ** draws < SAME_BY_CHANCE)
             differs |= (np.float32(1.0) - p < same) & (prior**draws < SAME_BY_CHANCE)
             shown &= differs
-    return GridMap(grid_map.spec, np.where(shown, p, np.float32(np.nan)))
+    return GridMap(grid_map.spec, np.where(shown, grid_map.probability, np.float32(np.nan)))
 
 
 def with_one_more_draw(mean: GridMap, guess: GridMap, draws: int) -> GridMap:

@@ -78,16 +78,20 @@ def test_all_files_tell_the_same(sample, tmp_path):
     assert np.nanmin(r_hat) > 0.9
     # The map itself is told where data moved it, as the node shows it.
     told = np.isfinite(known)
-    assert np.array_equal(known[told], mean[told])
+    # Its probability has a fifth of what cells reflected, which draws alone do not have.
+    assert np.abs(known - mean)[told].max() <= 0.2 + 1.0 / 400
+    assert np.mean(known[told] == mean[told]) < 0.9
     assert 1000 < told.sum() < touched.sum()
     assert (known > 0.5).sum() > 200
     shown = load_map(out / 'map.yaml').probability
     # Prior 0.15, margin 0.05: known from a certainty of 0.9 on, where so many draws of the prior
-    # would seldom be so far from it: two chains, 64 sweeps and two for every second sample.
+    # would seldom be so far from it: two chains, 64 sweeps and two for every second sample. What
+    # was drawn decides; free or occupied is by the probability, free to 0.25, occupied from 0.65.
     by_chance = 3.0 * np.sqrt(0.15 * 0.85 / (2 * (64 + 200)))
     certain = (np.maximum(mean, 1.0 - mean) > 0.9) & (np.abs(mean - 0.15) > by_chance)
-    assert np.array_equal(np.isfinite(shown), certain)
-    assert np.array_equal(shown == 1.0, certain & (mean > 0.5))
+    assert np.array_equal(shown == 0.0, certain & (known <= 0.25))
+    assert np.array_equal(shown == 1.0, certain & (known >= 0.65))
+    assert (np.isfinite(shown) <= certain).all()
     assert (shown == 1.0).sum() > 200
     with Image.open(out / 'map_entropy.png') as image:
         assert image.size == (result['width'], result['height'])

@@ -17,9 +17,10 @@ from ogm_mcmc.config import (
 )
 from ogm_mcmc.config.nodes import RefineSamplerConfig
 from ogm_mcmc.engine.live_map import live_map, reflection_map
+from ogm_mcmc.engine.refined_map import RefinedMap
 from ogm_mcmc.engine.refinement import Refinement
-from ogm_mcmc.geometry import GridMap, PlacedScan, Pose2D
-from ogm_mcmc.sampling.estimates import hide_uncertain
+from ogm_mcmc.geometry import PlacedScan, Pose2D
+from ogm_mcmc.sampling.estimates import hide_uncertain, with_share_of
 from ogm_mcmc.sampling.informed import known_cells
 from ogm_mcmc.sampling.posterior import ARRIVES
 
@@ -50,8 +51,15 @@ def test_a_result_is_of_counted_sweeps_alone():
     for of, expected in ((None, with_live(mean, 4)), (present, with_live(present.mean, 14))):
         assert np.isfinite(expected).sum() == sampler.model.touched.size
         np.testing.assert_allclose(refinement.map(of).probability, expected, atol=1e-6)
-        arrives = (sampler.arrival(mean if of is None else of.mean) >= ARRIVES).reshape(live.shape)
-        inside = known_cells(expected, arrives, refinement.config.patch.margin)
+        drawn = mean if of is None else of.mean
+        assert np.array_equal(
+            refinement.drawn_map(of).probability,
+            refinement.grid_map(drawn).probability,
+            equal_nan=True,
+        )
+        arrives = (sampler.arrival(drawn) >= ARRIVES).reshape(live.shape)
+        drawn = refinement.grid_map(drawn).probability
+        inside = known_cells(drawn, arrives, refinement.config.patch.margin)
         assert inside.sum() > 0
         known = np.where(inside, expected, math.nan)
         np.testing.assert_allclose(refinement.known_map(of).probability, known, atol=1e-6)
@@ -68,12 +76,13 @@ def test_cells_that_are_free_in_all_draws_are_in_the_order_of_the_live_map():
     found = refinement.map().probability.reshape(-1)[touched]
     assert np.unique(known[tied]).size > 1
     assert found[tied] == approx(known[tied] / (estimate.draws + 1))
-    # Hidden is what was hidden when they were tied at zero.
-    plain = GridMap(spec, refinement.grid_map(estimate.mean).probability)
+    # Hidden is what would be if they were tied at zero.
+    drawn, whole = refinement.drawn_map(), refinement.map()
     for draws in (3, 10, estimate.draws):
-        before, now = (hide_uncertain(one, 0.3, 0.02, draws) for one in (plain, refinement.map()))
-        free = plain.probability == 0.0
-        assert np.array_equal(np.isnan(before.probability)[free], np.isnan(now.probability)[free])
+        before = hide_uncertain(drawn, 0.3, 0.02, draws).probability
+        now = hide_uncertain(whole, 0.3, 0.02, draws, drawn).probability
+        assert np.array_equal(np.isnan(before), np.isnan(now))
+        assert np.array_equal(now, np.where(np.isnan(before), before, whole.probability), True)
 
 
 def test_the_share_of_beams_that_a_cell_reflected_has_its_weight():
@@ -101,6 +110,18 @@ def test_cells_no_more_certain_than_the_prior_are_hidden():
     assert shown[5:] == approx([0.0, 0.14, 0.86])
     shown = hide_uncertain(grid, prior=0.8, margin=0.0).probability[0]
     assert np.isnan(shown).tolist() == [True, False, False, True, True, False, False, False]
+
+
+@pytest.mark.parametrize(('prior', 'draws'), [(0.31, 16), (0.31, 32), (0.05, 64), (0.15, 99)])
+def test_what_all_draws_show_is_shown_whatever_a_cell_reflected(prior, draws):
+    """Walls that half of the beams passed, and free cells that reflected half of them."""
+    drawn = lattice_map([[1.0, 1.0, 1.0, 0.0, 0.0, 0.0, prior, math.nan]])
+    reflected = lattice_map([[0.0, 0.3, 0.5, 0.0, 0.3, 0.5, 1.0, 0.5]])
+    mixed = with_share_of(drawn, reflected, 0.2)
+    handed = RefinedMap(1, mixed, drawn, prior, draws, 1, 0, final=True)
+    shown = handed.shown(0.02).probability[0]
+    assert shown[:6] == approx([0.8, 0.86, 0.9, 0.0, 0.06, 0.1])
+    assert np.isnan(shown[6:]).all()
 
 
 def room(reach_m=2.0):

@@ -36,7 +36,7 @@ def result(spec, maps):
     known = np.ones((spec.height, spec.width), bool)
     mean = GridMap(spec, maps.mean(axis=0, dtype=np.float32))
     samples = SampleBits.of_maps(spec, maps, known)
-    return RefinedMap(1, mean, 0.2, len(maps), 1, 0, final=True, samples=samples)
+    return RefinedMap(1, mean, mean, 0.2, len(maps), 1, 0, final=True, samples=samples)
 
 
 @pytest.fixture(scope='module')
