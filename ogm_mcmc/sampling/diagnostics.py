@@ -10,10 +10,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ogm_mcmc.arrays import AnyArray, BoolArray, Float32Array, Float64Array
+from ogm_mcmc.arrays import AnyArray, BoolArray, Float32Array, Float64Array, Int64Array
 from ogm_mcmc.sampling.gibbs_kernels import PARTS
 
-__all__ = ['BatchCounts', 'ChainQuality', 'assess', 'later_halves', 'split_r_hat']
+__all__ = [
+    'BatchCounts',
+    'ChainQuality',
+    'agreeing_share',
+    'assess',
+    'later_halves',
+    'later_mean',
+    'split_r_hat',
+]
 
 MAX_BATCHES = 16
 LARGEST_UINT16 = 65_535
@@ -116,7 +124,7 @@ class ChainQuality(NamedTuple):
 
     def agreeing_share(self, limit: float) -> float:
         """Share of cells whose R-hat is below a limit."""
-        return float(np.mean(self.r_hat < limit)) if self.r_hat.size else 1.0
+        return agreeing_share(self.r_hat, limit)
 
     def summary(self) -> dict[str, float]:
         """Return overall figures; ESS over cells that are not decided, in the median."""
@@ -220,17 +228,41 @@ def _errors(mean: Float64Array, ess: Float64Array) -> Float64Array:
     return errors
 
 
-def later_halves(chains: list[BatchCounts]) -> tuple[Float64Array, int]:
-    """Return means (2 n, C) of two halves of the later two thirds of n chains, and their length.
+def later_mean(chains: list[BatchCounts]) -> Float32Array:
+    """Return the mean (C,) of the later two thirds of chains, see `later_halves`."""
+    half = _half(chains[0])
+    total = np.zeros(chains[0].counts.shape[1])
+    for chain in chains:
+        total += chain.batches()[-2 * half :].sum(axis=0, dtype=np.uint32)
+    total /= 2 * half * chains[0].batch_length * PARTS * len(chains)
+    return total.astype(np.float32)
 
-    Of chains of equal length, of at least 3 full batches.
+
+def later_halves(chains: list[BatchCounts], cells: Int64Array) -> tuple[Float64Array, int]:
+    """Return means (2 n, S) of two halves of the later two thirds of n chains, and their length.
+
+    Of some `cells` (S,), all there are would take much memory. The chains are of equal length, of
+    at least 3 full batches.
     """
-    first = chains[0]
-    half = (first.full - first.full // 3) // 2
-    last = [chain.batches()[first.full - 2 * half :] for chain in chains]
-    parts = [part.sum(axis=0, dtype=np.int64) for rows in last for part in np.split(rows, 2)]
-    length = half * first.batch_length
-    return np.array(parts) / (length * PARTS), length
+    half = _half(chains[0])
+    length = half * chains[0].batch_length
+    means = np.empty((2 * len(chains), cells.size))
+    for j, chain in enumerate(chains):
+        rows = chain.batches()[-2 * half :, cells]
+        means[2 * j] = rows[:half].sum(axis=0, dtype=np.int64)
+        means[2 * j + 1] = rows[half:].sum(axis=0, dtype=np.int64)
+    means /= length * PARTS
+    return means, length
+
+
+def _half(chain: BatchCounts) -> int:
+    """Return half of the batches in the later two thirds of a chain."""
+    return (chain.full - chain.full // 3) // 2
+
+
+def agreeing_share(r_hat: Float32Array, limit: float) -> float:
+    """Return the share of cells whose R-hat is below a limit; 1 without any cell."""
+    return float(np.mean(r_hat < limit)) if r_hat.size else 1.0
 
 
 def _quantile(values: Float32Array, share: float) -> float:

@@ -15,8 +15,10 @@ from ogm_mcmc.sampling.cell_gibbs import GibbsState
 from ogm_mcmc.sampling.diagnostics import (
     BatchCounts,
     ChainQuality,
+    agreeing_share,
     assess,
     later_halves,
+    later_mean,
     split_r_hat,
 )
 from ogm_mcmc.sampling.gibbs_kernels import NO_CHANCE, PARTS, add_occupied
@@ -217,11 +219,10 @@ class PosteriorSampler:
         """Let the burn-in end after the sweeps of the last focus, if the chains agree by now."""
         if not self.may_end:
             return  # it did at an earlier look
-        halves, length = later_halves(self.settling)
-        mean = halves.mean(axis=0).astype(np.float32)
-        informed = self.arrival(mean)[self.model.touched] >= ARRIVES
+        arrives = self.arrival(later_mean(self.settling))[self.model.touched] >= ARRIVES
+        halves, length = later_halves(self.settling, np.flatnonzero(arrives))
         limit, share = AGREEING
-        if np.mean(split_r_hat(halves[:, informed], length) < limit) >= share:
+        if agreeing_share(split_r_hat(halves, length), limit) >= share:
             self.burn_in, self.may_end = self.sweeps + FRESH, False
 
     def _advance_one(self, chain: int, n_sweeps: int) -> int:

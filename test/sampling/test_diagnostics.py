@@ -1,5 +1,7 @@
 """What is said of chains, against formulas applied to the stored chains themselves."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from support.strategies import fan
@@ -8,7 +10,13 @@ from ogm_mcmc.config import ForwardModelConfig, WindowConfig
 from ogm_mcmc.geometry import PlacedScan, Pose2D
 from ogm_mcmc.lab.exact import enumerate_maps
 from ogm_mcmc.sampling import CellModel, PosteriorSampler, RayWindow
-from ogm_mcmc.sampling.diagnostics import BatchCounts, assess, split_r_hat
+from ogm_mcmc.sampling.diagnostics import (
+    BatchCounts,
+    assess,
+    later_halves,
+    later_mean,
+    split_r_hat,
+)
 from ogm_mcmc.sampling.gibbs_kernels import PARTS
 
 approx = pytest.approx
@@ -29,6 +37,29 @@ def test_recent_sweeps_are_the_later_half_in_whole_batches(n):
     counts = filled(draws)
     assert n / 2 <= counts.n_recent <= n / 2 + counts.batch_length
     assert counts.recent().tolist() == draws[n - counts.n_recent :].sum(axis=0).tolist()
+
+
+@pytest.mark.parametrize('n', [3, 11, 16, 37, 198])
+def test_later_halves_are_of_the_later_two_thirds_in_whole_batches(n):
+    draws = np.random.default_rng(n).integers(0, 2, (2, n, 7)).astype(np.uint8)
+    chains = [filled(of_chain) for of_chain in draws]
+    whole = chains[0].full * chains[0].batch_length
+    some = np.array([1, 4, 5])
+    found, length = later_halves(chains, some)
+    assert n / 4 < length <= n / 3 + chains[0].batch_length
+    later = draws[:, whole - 2 * length : whole].reshape(4, length, 7).mean(axis=1)
+    assert found == approx(later[:, some])
+    assert later_mean(chains) == approx(later.mean(axis=0))
+
+
+def test_a_look_at_chains_takes_little_memory():
+    chains = [filled(np.zeros((3, 200_000), np.uint8)) for _ in range(3)]
+    tracemalloc.start()
+    later_mean(chains)
+    later_halves(chains, np.arange(1000))
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert most < 17 * 200_000  # bytes a cell, for whatever number of chains
 
 
 def switching(rng, n, to_one, to_zero, n_cells=1):

@@ -1,6 +1,7 @@
 """Chains side by side: repeatable, and looking most where there is doubt."""
 
 import threading
+import warnings
 
 import numpy as np
 import pytest
@@ -324,3 +325,15 @@ def test_short_burn_ins_are_done_whole():
     sampler = sampler_of(patch_model(), burn_in=39, may_end=True)
     sampler.advance(60)
     assert sampler.counted == 21
+
+
+def test_chains_that_nothing_is_told_of_agree():
+    """As `ChainQuality` has it; no mean is taken of nothing."""
+    model = LoneCells(np.full(5, 0.5))
+    model.arrival = lambda probability, least: np.zeros_like(probability)
+    starts = [np.full(5, j, np.uint8) for j in range(2)]
+    sampler = PosteriorSampler(model, starts, seed=1, burn_in=40, may_end=True)
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        sampler.advance(30)
+    assert sampler.burn_in == 20
