@@ -181,6 +181,8 @@ class Refinement:
         chain, spec = self.config.chain, window.spec
         model = self._posterior(window, grown)
         starts, moved, soon = warm
+        # Chains that began alike agree whether or not they have forgotten it.
+        apart = start is None and not starts and chain.start == 'dispersed'
         if start is not None:
             starts = [cells_on(spec, start, chain.start_threshold, chain.prior)] * chain.chains
         elif not starts or moved is not None:
@@ -192,7 +194,7 @@ class Refinement:
             if self._table is not None:
                 starts = forgotten(model, starts, chain.seed, only)
         burn_in = min(chain.burn_in, WARM_BURN_IN) if soon else chain.burn_in
-        sampler = PosteriorSampler(model, starts, seed=chain.seed, burn_in=burn_in, may_end=True)
+        sampler = PosteriorSampler(model, starts, seed=chain.seed, burn_in=burn_in, may_end=apart)
         if self.sampler is not None:
             # From the seed, chains would repeat the numbers that brought them where they are. The
             # generators are in a saved state, too: chains taken up again draw the same from here.

@@ -147,7 +147,8 @@ class PosteriorSampler:
 
     With `may_end` the burn-in, of at least `LEAST_BURN_IN` sweeps, is no longer than it has to be:
     from its half on it ends where the chains agree about the later two thirds of it. `burn_in` is
-    then what it was. It is sweeps that do not count which say so; those that count do not.
+    then what it was. It is sweeps that do not count which say so; those that count do not. Starts
+    must be as far apart as can be for that; of those that are the same it is never shorter.
 
     Sweeps look most where there is doubt: in cells that a chain's own maps disagree about and at
     which a ray arrives. Which these are is decided in the burn-in, after 8 of its sweeps, 16, ...
@@ -178,7 +179,8 @@ class PosteriorSampler:
     ) -> None:
         self.model = model
         self.burn_in = burn_in
-        self.may_end = may_end and burn_in >= LEAST_BURN_IN
+        apart = any(not np.array_equal(starts[0], start) for start in starts[1:])
+        self.may_end = may_end and apart and burn_in >= LEAST_BURN_IN
         self.sweeps = 0
         self.rngs = np.random.default_rng(seed).spawn(len(starts))
         with ThreadPoolExecutor(max(len(starts), 1)) as pool:

@@ -267,3 +267,28 @@ def test_chains_go_on_where_joint_poses_moved_all_scans_by_next_to_nothing():
         refinement.take([PlacedScan(one.scan, one.belief.carried_to(pose)) for one in many])
         assert refinement.corrected == corrected
         assert refinement.sampler.burn_in == (30 if corrected else WARM_BURN_IN)
+
+
+@pytest.mark.parametrize(
+    ('chain', 'apart'),
+    [
+        ({}, True),
+        ({'burn_in': 39}, False),
+        ({'chains': 1}, False),
+        *(({'start': kind}, False) for kind in ('live', 'occupied', 'free', 'prior')),
+    ],
+)
+def test_a_burn_in_may_end_early_where_chains_started_as_far_apart_as_can_be(chain, apart):
+    of_chain = {'burn_in': 40, 'chains': 2, 'start': 'dispersed', **chain}
+    refinement = Refinement(settings(**of_chain))
+    refinement.take([FIRST])
+    assert refinement.sampler.may_end == apart
+
+
+def test_burn_ins_of_chains_from_a_map_or_that_go_on_are_done_whole():
+    """The map is the same for all, and chains that agreed before are no longer apart."""
+    refinement = taken(FIRST, burn_in=40)
+    assert refinement.sampler.may_end
+    refinement.take([FIRST, SECOND])
+    assert not refinement.sampler.may_end
+    assert not taken(FIRST, burn_in=40, start=lattice_map([[0.9, 0.4]])).sampler.may_end

@@ -3,6 +3,7 @@
 import json
 import os
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -31,6 +32,7 @@ from ogm_mcmc.lab.experiments import run_all
 from ogm_mcmc.lab.parcels import unpack
 from ogm_mcmc.lab.tile_cluster import ClusterTiles
 from ogm_mcmc.lab.workers import connected
+from ogm_mcmc.sampling import posterior
 from ogm_mcmc.simulation import WORLDS, Lidar, record
 
 STOP = StopConfig(max_sweeps=120, max_time=1e6, r_hat=0.0)
@@ -127,6 +129,22 @@ def test_any_executor_gives_what_local_chains_give(scans, local, monkeypatch):
     assert last.r_hat_p99 == local[1].r_hat_p99
     assert len(built) == 1
     same(refinement, local[0])
+
+
+@pytest.mark.jit
+def test_a_burn_in_ends_early_as_that_of_local_chains(scans, monkeypatch):
+    monkeypatch.setattr(posterior, 'AGREEING', (1.2, 0.9))
+    chain = replace(config().chain, chains=2, burn_in=40)
+    here, there = (Refinement(replace(config(), chain=chain)) for _ in range(2))
+    for refinement in (here, there):
+        refinement.take(scans[:4])
+    stop = replace(STOP, max_sweeps=60)
+    *_, local = here.run(stop)
+    with ThreadPoolExecutor(1) as pool:
+        *_, distant = sample_chains(there, scans[:4], stop, pool)
+    assert here.sampler.burn_in == there.sampler.burn_in < 40
+    assert distant.counted == local.counted == 60 - here.sampler.burn_in
+    same(there, here)
 
 
 @pytest.mark.jit

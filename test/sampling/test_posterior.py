@@ -337,3 +337,13 @@ def test_chains_that_nothing_is_told_of_agree():
         warnings.simplefilter('error')
         sampler.advance(30)
     assert sampler.burn_in == 20
+
+
+@pytest.mark.parametrize('chains', [1, 3])
+def test_chains_that_start_alike_cannot_tell_that_they_forgot_it(chains, monkeypatch):
+    monkeypatch.setattr(posterior, 'AGREEING', (1e9, 0.0))
+    model = LoneCells(np.full(5, 0.5))
+    starts = [np.ones(5, np.uint8)] * chains
+    sampler = PosteriorSampler(model, starts, seed=1, burn_in=40, may_end=True)
+    sampler.advance(41)
+    assert (sampler.burn_in, sampler.counted) == (40, 1)
