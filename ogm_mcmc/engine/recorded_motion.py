@@ -9,7 +9,16 @@ other: office, 2 scans a second, true poses every 0.5 m: by straight lines walls
 Decision. As where a trajectory comes in on a topic: between two poses the recorded motion is kept
 and the correction is interpolated (`corrections`). What was recorded may be another robot's, or of
 a clock of its own. So every second pose is left out first, and foretold from the others: recorded
-motion is used where it comes nearer (by the median) than straight lines do.
+motion is used where it comes nearer (by the median) than straight lines do. Poses held beside the
+ends of a file would be foretold by anything: they come afterwards (`bag_topics`).
+
+Nothing is filled in where the file is silent for long, or where it and what was recorded disagree
+on how the robot went from one pose to the next: it was carried, or found elsewhere. They agree if
+they differ by no more than wheels may err: 0.1 m and 0.1 rad (as in `geometry.motion`), 30 % of
+the way and of what was turned, and 0.1 rad a metre. Where they disagree the pose is interpolated
+or missing, as without odometry. Office (`simulate office --drive --rate 2`), true poses kept every
+0.5 m, 3 s and 8 s: scans lie 0.5, 1.1 and 2.9 cm off (median; at most 6, 8, 11) with bad wheels
+(`--drift 1`), 1.5, 3.5 and 8.7 cm with wheels three times as bad; none between two poses is lost.
 """
 
 from __future__ import annotations
