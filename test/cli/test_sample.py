@@ -55,8 +55,7 @@ def probability(folder):
 
 
 def test_all_files_tell_the_same(sample, tmp_path):
-    dense = ('--beam-stride', '2', '--margin', '0.05')
-    result = sample('-o', 'out', *FEW, *dense, '--samples', '200', '--thin', '2')
+    result = sample('-o', 'out', *FEW, '--samples', '200', '--thin', '2', '--margin', '0.05')
     out = tmp_path / 'out'
     names = ('map.json', 'map.npz', 'map.pgm', 'map.png', 'map.yaml', 'map_entropy.png')
     assert sorted(path.name for path in out.iterdir()) == sorted((*names, 'map_samples.npz'))
@@ -64,7 +63,7 @@ def test_all_files_tell_the_same(sample, tmp_path):
     assert (result['reason'], result['sweeps'], result['counted']) == ('sweeps', 80, 64)
     assert result['scans_used'] == OFFICE_SCANS
     # A few beams of a scan are lost.
-    assert 0.99 < result['rays'] / (OFFICE_SCANS * 45) <= 1.0
+    assert 0.99 < result['rays'] / (OFFICE_SCANS * 15) <= 1.0
     with np.load(out / 'map.npz') as data:
         mean, mcse, r_hat = data['posterior_mean'], data['mcse'], data['r_hat']
         known = data['probability']
@@ -86,10 +85,12 @@ def test_all_files_tell_the_same(sample, tmp_path):
     assert (known > 0.5).sum() > 200
     shown = load_map(out / 'map.yaml').probability
     # Prior 0.15, margin 0.05: known from a certainty of 0.9 on, where so many draws of the prior
-    # would seldom be so far from it: two chains, 64 sweeps and two for every second sample. What
-    # was drawn decides; free or occupied is by the probability, free to 0.25, occupied from 0.65.
+    # would seldom be so far from it: two chains, 64 sweeps and two for every second sample. Where
+    # data hardly came to, chains change a cell so rarely that some means are far from it, too.
+    # What was drawn decides; free or occupied is by the probability, free to 0.25, occupied from
+    # 0.65.
     by_chance = 3.0 * np.sqrt(0.15 * 0.85 / (2 * (64 + 200)))
-    certain = (np.maximum(mean, 1.0 - mean) > 0.9) & (np.abs(mean - 0.15) > by_chance)
+    certain = told & (np.maximum(mean, 1.0 - mean) > 0.9) & (np.abs(mean - 0.15) > by_chance)
     assert np.array_equal(shown == 0.0, certain & (known <= 0.25))
     assert np.array_equal(shown == 1.0, certain & (known >= 0.65))
     assert (np.isfinite(shown) <= certain).all()
