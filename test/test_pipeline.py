@@ -1,21 +1,15 @@
+"""The pipeline of scans to a map: placing, counting, many at once, settings that change."""
+
 import contextlib
-import itertools
 import math
 
 import numpy as np
 import pytest
 from support import pictures
+from support.pipelines import at, pipeline, sweep
 from support.strategies import fan
 
-from ogm_mcmc.config import (
-    MapperConfig,
-    OutputConfig,
-    PoseUncertainConfig,
-    StepModelConfig,
-    settings_of,
-)
-from ogm_mcmc.engine.live_map import warm_up_mapping
-from ogm_mcmc.engine.map_view import MAX_STALE_BOXES, MapView
+from ogm_mcmc.config import MapperConfig, StepModelConfig, settings_of
 from ogm_mcmc.errors import ConfigError, GridError
 from ogm_mcmc.geometry import (
     CellBox,
@@ -27,190 +21,12 @@ from ogm_mcmc.geometry import (
     Scan,
     SensorMount,
 )
-from ogm_mcmc.mapping import METHODS, ProbabilityBeams, live_settings
-from ogm_mcmc.mapping.beam_evidence_kernels import sum_steps_per_beam
-from ogm_mcmc.mapping.evidence_kernels import sum_per_scan
-from ogm_mcmc.mapping.gaussian_field_kernels import take_in
-from ogm_mcmc.mapping.quadtree_counting_kernels import count_seen
-from ogm_mcmc.mapping.sonar_kernels import add_cone
-from ogm_mcmc.mapping.two_assumption_kernels import fuse_per_beam, fuse_per_scan
-from ogm_mcmc.pipeline import MappingPipeline
-
-KINDS = [
-    ('', OutputConfig()),
-    ('', OutputConfig(output='trinary', occupied_thresh=0.7, free_thresh=0.3)),
-    ('entropy', OutputConfig(output='probability')),
-]
-every_kind = pytest.mark.parametrize(('kind', 'output'), KINDS, ids=['percent', 'three', 'bits'])
-
-
-def pipeline(**settings):
-    return MappingPipeline(MapperConfig(**{'resolution': 0.1, **settings}))
-
-
-def sweep(seed):
-    """A scan all around."""
-    rng = np.random.default_rng(seed)
-    return fan(*rng.uniform(0.5, 4.0, 60), bearing=-3.1, increment=0.1)
-
-
-def at(x, y, yaw=0.0):
-    return PoseBelief(Pose2D(x, y, yaw))
+from ogm_mcmc.mapping import METHODS, live_settings
 
 
 def same_map(one, other):
     a, b = one.map(), other.map()
     return a.spec == b.spec and np.array_equal(a.probability, b.probability, equal_nan=True)
-
-
-def whole(source, output, kind):
-    """Render everything at once."""
-    view = MapView(source, output, kind)
-    view.refresh()
-    return view.values
-
-
-# -- MapView ----------------------------------------------------------------------------------
-
-
-@every_kind
-def test_refreshing_equals_rendering_everything(kind, output):
-    """After updates in place, growth to every side, and several updates at once."""
-    source = pipeline()
-    view = MapView(source, output, kind)
-    places = [(0, 0), (0.4, 0.2), (9, 0), (9, 1), (-9, -9), (3, 30), (60, 30), (0, 0)]
-    specs = set()
-    for k, (x, y) in enumerate(places):
-        view.mark(source.update(PlacedScan(sweep(k), at(x + 0.013, y + 0.017, 0.3 * k))))
-        if k % 3 != 1:
-            view.refresh()
-            specs.add(view.spec)
-            assert view.values.dtype == np.int8
-            assert np.array_equal(view.values, whole(source, output, kind))
-    assert len(specs) > 3
-
-
-@every_kind
-def test_refresh_writes_only_the_box_it_returns(kind, output):
-    source = pipeline()
-    view = MapView(source, output, kind)
-    view.mark(source.update(PlacedScan(sweep(1), at(0.013, 0.017))))
-    view.refresh()
-    view.values.fill(77)
-    changed = source.update(PlacedScan(fan(1.0), at(0.513, 0.517)))
-    view.mark(changed)
-    (box,) = view.refresh()
-    assert box == changed == CellBox(5, 5, 16, 6)
-    written = view.values != 77
-    assert written[view.spec.slices(box)].all()
-    assert written.sum() == 11
-
-
-def test_growth_copies_what_was_shown_and_is_unknown_elsewhere():
-    source = pipeline()
-    view = MapView(source, OutputConfig())
-    view.mark(source.update(PlacedScan(sweep(1), at(0.013, 0.017))))
-    view.refresh()
-    before, shown = view.spec, view.values.copy()
-    view.mark(source.update(PlacedScan(fan(1.0), at(50.05, 0.05))))
-    view.refresh()
-    assert view.spec != before
-    assert np.array_equal(view.values[view.spec.slices(before.box)], shown)
-    assert (view.values >= 0).sum() == (shown >= 0).sum() + 11
-
-
-def test_changes_far_apart_do_not_cost_what_lies_between():
-    source = pipeline()
-    view = MapView(source, OutputConfig())
-    view.mark(source.update(PlacedScan(fan(1.0), at(0.05, 0.05))))
-    view.mark(source.update(PlacedScan(fan(1.0), at(200.05, 200.05))))
-    view.mark(source.update(PlacedScan(fan(1.0), at(0.15, 0.05))))
-    boxes = view.refresh()
-    assert len(boxes) == 2
-    assert sum(box.n_cells for box in boxes) == 12 + 11
-    assert np.array_equal(view.values, whole(source, OutputConfig(), ''))
-
-
-def test_many_changes_far_apart_are_all_shown():
-    source = pipeline()
-    view = MapView(source, OutputConfig())
-    for k in range(40):
-        view.mark(
-            source.update(PlacedScan(fan(1.0), at(0.05 + 20.0 * (k % 7), 0.05 + 20.0 * (k // 7))))
-        )
-    assert len(view.refresh()) <= MAX_STALE_BOXES
-    assert np.array_equal(view.values, whole(source, OutputConfig(), ''))
-
-
-def test_stale_until_refreshed():
-    source = pipeline()
-    view = MapView(source, OutputConfig())
-    assert view.stale
-    view.refresh()
-    assert not view.stale
-    assert view.refresh() == []
-    view.mark(source.update(PlacedScan(fan(math.nan), at(0.0, 0.0))))
-    assert not view.stale
-    view.mark(source.update(PlacedScan(fan(1.0), at(0.05, 0.05))))
-    assert view.stale
-
-
-def test_restart_after_a_reset():
-    source = pipeline()
-    view = MapView(source, OutputConfig())
-    view.mark(source.update(PlacedScan(sweep(1), at(30.013, 0.017))))
-    view.refresh()
-    source.reset()
-    view.restart()
-    view.refresh()
-    assert view.spec == source.method.spec
-    assert (view.values == -1).all()
-
-
-def test_another_output_shows_after_marking_all_that_ever_changed():
-    source = pipeline()
-    view = MapView(source, OutputConfig())
-    for k in range(3):
-        view.mark(source.update(PlacedScan(sweep(k), at(2.013 * k, 0.017))))
-    view.refresh()
-    view.output = OutputConfig(output='trinary')
-    view.mark(source.changed)
-    view.refresh()
-    assert np.array_equal(view.values, whole(source, view.output, ''))
-    assert set(np.unique(view.values)) == {-1, 0, 100}
-
-
-@every_kind
-def test_shown_values_on_paper(kind, output):
-    """One hit and one miss at equal steps: 80, 20 and 50 per cent."""
-    source = pipeline(resolution=1.0)
-    box = source.update(PlacedScan(fan(2.0), at(0.5, 0.5))).union(
-        source.update(PlacedScan(fan(3.0), at(0.5, 0.5)))
-    )
-    view = MapView(source, output, kind)
-    view.refresh()
-    expected = {
-        # log-odds of -2, -2, 0 and +1 steps of log 4: 1/17, 1/17, 1/2, 4/5
-        ('', 'probability'): [6, 6, 50, 80],
-        ('', 'trinary'): [0, 0, -1, 100],
-        ('entropy', 'probability'): [32, 32, 100, 72],
-    }[kind, output.output]
-    assert view.values[view.spec.slices(box)][0].tolist() == expected
-
-
-def test_a_subclass_says_where_values_live():
-    buffer = np.zeros(64 * 64, np.int8)
-
-    class InMessage(MapView):
-        def _allocate(self, spec):
-            return buffer.reshape(spec.height, spec.width)
-
-    source = pipeline()
-    view = InMessage(source, OutputConfig())
-    view.mark(source.update(PlacedScan(fan(1.0), at(0.05, 0.05))))
-    view.refresh()
-    assert np.shares_memory(view.values, buffer)
-    assert (buffer >= 0).sum() == 11
 
 
 # -- MappingPipeline ----------------------------------------------------------------------------
@@ -328,72 +144,6 @@ def test_scans_that_were_added_before_it_was_cancelled_are_counted(method):
     assert np.array_equal(
         one.method.probabilities(box), cancelled.method.probabilities(box), equal_nan=True
     )
-
-
-# -- warm_up ------------------------------------------------------------------------------------
-
-CONFIGS = [
-    MapperConfig(
-        method=method,
-        inverse_model=model,
-        fusion=fusion,
-        resolution=resolution,
-        no_return=no_return,
-        max_range=max_range,
-    )
-    for method, model, fusion, resolution, no_return, max_range in itertools.product(
-        sorted(METHODS),
-        ('step', 'gaussian'),
-        ('per_scan', 'per_beam'),
-        (0.001, 0.05, 10.0),
-        ('clear', 'ignore'),
-        (0.0, 1e-3, 100.0),
-    )
-]
-
-
-def test_warm_up_runs_for_every_configuration():
-    assert min(warm_up_mapping(config) for config in CONFIGS) >= 1
-    for method in METHODS:
-        assert warm_up_mapping(MapperConfig(method=method, max_cells=4096)) > 1
-
-
-@pytest.mark.jit
-@pytest.mark.parametrize(
-    ('method', 'fusion', 'kernel'),
-    [
-        ('two_assumption', 'per_scan', fuse_per_scan),
-        ('two_assumption', 'per_beam', fuse_per_beam),
-        ('pose_uncertain', 'per_scan', sum_per_scan),
-        ('pose_uncertain', 'per_beam', sum_steps_per_beam),
-        ('sonar', 'per_scan', add_cone),
-        ('adaptive', 'per_scan', count_seen),
-        ('random_field', 'per_scan', take_in),
-    ],
-)
-def test_nothing_is_compiled_after_warm_up(method, fusion, kernel):
-    config = MapperConfig(method=method, fusion=fusion)
-    warm_up_mapping(config)
-    compiled = kernel.signatures
-    assert len(compiled) == 1
-    belief = PoseBelief(Pose2D(1.013, 2.017), np.diag([0.01, 0.0, 0.001]))
-    mount = SensorMount(Pose2D(0.1, 0.2, 0.3))
-    MappingPipeline(config).update(PlacedScan.on_robot(sweep(1), belief, mount))
-    assert kernel.signatures == compiled
-
-
-@pytest.mark.parametrize('method', ['pose_uncertain', 'adaptive'])
-def test_warm_up_weighs_poses_by_the_map(method, monkeypatch):
-    weighed = []
-    real = ProbabilityBeams.log_likelihoods
-
-    def watched(self, poses, *beams):
-        weighed.append(len(poses))
-        return real(self, poses, *beams)
-
-    monkeypatch.setattr(ProbabilityBeams, 'log_likelihoods', watched)
-    warm_up_mapping(MapperConfig(method=method, pose_uncertain=PoseUncertainConfig(map_beams=5.0)))
-    assert weighed == [100]
 
 
 # -- settings that change while the map grows ---------------------------------------------------

@@ -1,0 +1,82 @@
+"""The worker where poses are refined, too."""
+
+import numpy as np
+import pytest
+from support.rooms import ROOM, noisy_drive
+from support.workers import ENDLESS, idle, until
+
+from ogm_mcmc.config import PosesConfig, StopConfig, TrajectoryConfig
+from ogm_mcmc.evaluation import confusion_counts
+from ogm_mcmc.evaluation.trajectories import absolute_errors
+from ogm_mcmc.trajectory.points import xyyaw
+
+# What has a deadline here is compiled before the clock runs.
+pytestmark = pytest.mark.usefixtures('compiled')
+
+
+def wall_f1(result):
+    """Best F1 of a map, walls being the cells that one runs through."""
+    spec = result.grid_map.spec
+    x = spec.origin_x_m - 0.05 + (np.arange(spec.width) + 0.5) * spec.resolution_m
+    y = (spec.origin_y_m - 0.05 + (np.arange(spec.height) + 0.5) * spec.resolution_m)[:, None]
+    nearest = np.full((spec.height, spec.width), np.inf)
+    for ax, ay, bx, by in ROOM:
+        dx, dy = bx - ax, by - ay
+        along = np.clip(((x - ax) * dx + (y - ay) * dy) / (dx * dx + dy * dy), 0.0, 1.0)
+        nearest = np.minimum(nearest, np.hypot(x - ax - along * dx, y - ay - along * dy))
+    walls = nearest <= 0.45 * spec.resolution_m
+    inside = (x > -0.3) & (x < 6.3) & (y > -0.3) & (y < 4.3)
+    probability = np.nan_to_num(result.grid_map.probability, nan=0.0)[inside]
+    return confusion_counts(probability, walls[inside]).best().f1
+
+
+def test_joint_poses_make_a_better_map_within_the_deadline(make):
+    truth, placed = noisy_drive()
+    limits, found = StopConfig(max_sweeps=60, max_time=30.0, r_hat=0.0), {}
+    for poses in ('fixed', 'joint'):
+        settings = PosesConfig(poses, TrajectoryConfig(draws=10))
+        worker = make(poses=settings, map_every_s=100.0)
+        worker.refine(placed, limits)
+        until(lambda worker=worker: worker.status.state == 'idle' and worker.result, 60.0)
+        found[poses] = worker.result
+        assert worker.status.stopped == 'sweeps'
+    assert found['fixed'].trajectory is None
+    trajectory = found['joint'].trajectory
+    poses = xyyaw([belief.mean for belief in trajectory.beliefs])
+    assert absolute_errors(poses, truth).distance_m.mean() < 0.01
+    assert trajectory.stamps_ns == list(range(1, 17))
+    moved = trajectory.correction.compose(placed[-1].pose)
+    assert moved.x_m == pytest.approx(trajectory.beliefs[-1].mean.x_m)
+    assert wall_f1(found['joint']) > wall_f1(found['fixed']) + 0.04
+
+
+def test_poses_are_refined_no_longer_than_half_of_the_time_and_gone_on_with(make):
+    _, placed = noisy_drive()
+    # So many draws would take minutes.
+    settings = PosesConfig('joint', TrajectoryConfig(draws=10_000))
+    worker = make(poses=settings)
+    worker.refine(placed, StopConfig(max_sweeps=10**8, max_time=1.0, r_hat=0.0))
+    until(lambda: idle(worker, 'time'), 60.0)
+    first, refinement = worker.status.poses, worker._poses.refinement
+    # Half a second, and the round of draws in which it was over.
+    assert 0.5 <= first.seconds < 30.0
+    chains = worker._refinement.sampler
+    worker.refine(placed, StopConfig(max_sweeps=10**8, max_time=1.0, r_hat=0.0))
+    until(lambda: worker._refinement.sampler is not chains and idle(worker, 'time'), 60.0)
+    # Not begun anew: the clock of the same estimator went on.
+    assert worker._poses.refinement is refinement
+    assert worker.status.poses.seconds > first.seconds + 0.5
+
+
+def test_stopping_while_poses_are_refined_leaves_a_map_of_then(make):
+    _, placed = noisy_drive()
+    worker = make(poses=PosesConfig('joint', TrajectoryConfig(draws=10_000)))
+    worker.refine(placed, ENDLESS)
+    until(lambda: worker.status.poses is not None)
+    assert worker.stop()
+    until(lambda: idle(worker, 'stopped'))
+    assert worker.result.final
+    assert len(worker.result.trajectory.beliefs) == 16
+    worker.clear()
+    until(lambda: worker.status.poses is None)
+    assert worker.result is None
