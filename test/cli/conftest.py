@@ -11,6 +11,8 @@ from ogm_mcmc.geometry import GridMap, GridSpec, PlacedScan, Pose2D
 from ogm_mcmc.io.map_files import save_npz
 from ogm_mcmc.io.recording_bag import write_recording
 
+SECOND = 1_000_000_000
+
 
 @pytest.fixture
 def maps(tmp_path):
@@ -26,11 +28,11 @@ def bag(maps):
     """Scans along the lowest row, to the right and to the left, and one that says nothing."""
     scans = [
         PlacedScan.at(
-            fan(0.2, np.inf, 0.05, increment=1e-6, range_max_m=0.3, stamp_ns=1),
+            fan(0.2, np.inf, 0.05, increment=1e-6, range_max_m=0.3, stamp_ns=SECOND),
             Pose2D(0.55, -0.15),
         ),
-        PlacedScan.at(fan(0.2, range_max_m=0.3, stamp_ns=2), Pose2D(0.55, -0.15, np.pi)),
-        PlacedScan.at(fan(NAN, range_max_m=0.3, stamp_ns=3), Pose2D(0.55, -0.15)),
+        PlacedScan.at(fan(0.2, range_max_m=0.3, stamp_ns=2 * SECOND), Pose2D(0.55, -0.15, np.pi)),
+        PlacedScan.at(fan(NAN, range_max_m=0.3, stamp_ns=3 * SECOND), Pose2D(0.55, -0.15)),
     ]
     assert write_recording(maps / 'bag', scans) == 3
     return maps / 'bag'

@@ -22,6 +22,8 @@ TRUTH = np.array([[0, 0, 1, 1], [0, 0, 0, 1], [1, 0, 0, 0]], np.float32)
 GOOD = np.where(TRUTH > 0, 0.9, 0.1).astype(np.float32)
 POOR = np.where(TRUTH > 0, 0.6, 0.3).astype(np.float32)
 
+SECOND = 1_000_000_000
+
 
 @pytest.fixture
 def theirs(tmp_path, monkeypatch):
@@ -39,10 +41,10 @@ def theirs(tmp_path, monkeypatch):
     (tmp_path / 'poor.yaml').write_text(yaml.safe_dump(grid))
     scans = [
         PlacedScan.at(
-            fan(0.2, 0.2, increment=1e-6, range_max_m=0.3, stamp_ns=1), Pose2D(0.05, 0.05)
+            fan(0.2, 0.2, increment=1e-6, range_max_m=0.3, stamp_ns=SECOND), Pose2D(0.05, 0.05)
         ),
-        PlacedScan.at(fan(0.1, range_max_m=0.3, stamp_ns=2), Pose2D(0.15, 0.05)),
-        PlacedScan.at(fan(0.3, range_max_m=0.4, stamp_ns=3), Pose2D(0.05, 0.15)),
+        PlacedScan.at(fan(0.1, range_max_m=0.3, stamp_ns=2 * SECOND), Pose2D(0.15, 0.05)),
+        PlacedScan.at(fan(0.3, range_max_m=0.4, stamp_ns=3 * SECOND), Pose2D(0.05, 0.15)),
     ]
     assert write_recording(tmp_path / 'bag', scans) == 3
     return tmp_path
