@@ -92,7 +92,8 @@ def add_to(subparsers: Subparsers) -> None:
         help='sample maps from the full posterior: their mean, entropy, samples',
         description='Sample maps from the full posterior. The NPZ has layers: probability, where '
         'data moved it, nan elsewhere: of the maps drawn, and of what cells reflected; '
-        'posterior_mean, the mean of the maps drawn alone, of every cell that a ray came to; '
+        'probability_everywhere, the same of every cell that a ray came to; '
+        'posterior_mean, the mean of the maps drawn alone, of these cells; '
         'mcse, the standard error of that by chance; r_hat, by which chains agree (1: they do); '
         'ess, effective samples.',
     )

@@ -47,9 +47,10 @@ def write_all(
 ) -> dict[str, str]:
     """Write map, NPZ, entropy, samples and JSON; return the paths by kind.
 
-    The NPZ and the entropy have `Refinement.known_map`: nan where data did not move a cell. Its
-    layer `posterior_mean` is the mean of the draws alone, of all cells that rays came to: behind
-    the first surface the prior alone speaks there, and draws it solid. PGM and PNG show where
+    The NPZ and the entropy have `Refinement.known_map`: nan where data did not move a cell. Layers
+    of all cells that rays came to are `probability_everywhere` (`Refinement.map`), and
+    `posterior_mean`, the mean of the draws alone: behind the first surface the prior alone speaks
+    there, and draws it solid. PGM and PNG show where
     that is more certain than the prior (`hide_uncertain`). An old set is replaced as a whole.
     """
     refinement, settings = sampled.refinement, result['settings']
@@ -77,7 +78,11 @@ def write_all(
     }
     result.update(shape)
     with replacing_set(folder, name, gone) as scratch:
-        layers = {'posterior_mean': mean.probability, **_layers(refinement, mean.spec.box)}
+        layers = {
+            'probability_everywhere': _on(mean.spec, refinement.map(estimate)).probability,
+            'posterior_mean': mean.probability,
+            **_layers(refinement, mean.spec.box),
+        }
         shown = hide_uncertain(known, refinement.prior, sampled.margin, estimate.draws, mean)
         write_shown(shown, scratch, output, name)
         save_npz(known, scratch / f'{name}.npz', settings, layers)

@@ -54,8 +54,8 @@ NPZ_FIELDS = {
     'origin': Field('fiu', (3,)),
 }
 
-GUESS = 'posterior_mean'
-"""The layer of an NPZ that tells of cells, too, that data did not move."""
+GUESSES = ('probability_everywhere', 'posterior_mean')
+"""Layers of an NPZ that tell of cells, too, that data did not move; the first that is there."""
 
 
 class JudgedMap(NamedTuple):
@@ -161,8 +161,8 @@ def load_grid(path: Path, most_cells: int = MOST_CELLS) -> GridMap:
 def load_judged(path: Path, most_cells: int = MOST_CELLS, *, filled: bool = True) -> JudgedMap:
     """Read a map as `load_grid` does, for a judge. Raises MapFileError.
 
-    Where the file is one of `sample` its layer `posterior_mean` fills unknown cells, if they are
-    to be `filled`; any other map is what it is.
+    Where the file is one of `sample` a layer of it fills unknown cells (`GUESSES`), if they are to
+    be `filled`; any other map is what it is.
     """
     if filled and path.suffix.lower() == '.npz':
         return _read_npz(path, most_cells, guess=True)
@@ -181,9 +181,10 @@ def _read_npz(path: Path, most_cells: int, *, guess: bool) -> JudgedMap:
         fields = {name: held.read(name, field) for name, field in NPZ_FIELDS.items()}
         probability = _probability(path, 'probability', fields['probability'], most_cells)
         filled = probability
-        if guess and GUESS in held.names:
-            layer = held.read(GUESS, Field('f', probability.shape))
-            told = _probability(path, GUESS, layer, most_cells)
+        there = [name for name in GUESSES if name in held.names]
+        if guess and there:
+            layer = held.read(there[0], Field('f', probability.shape))
+            told = _probability(path, there[0], layer, most_cells)
             filled = np.where(np.isnan(probability), told, probability)
     spec = _spec_of(path, fields, probability)
     return JudgedMap(GridMap(spec, probability), GridMap(spec, filled))

@@ -66,7 +66,7 @@ def test_all_files_tell_the_same(sample, tmp_path):
     assert 0.99 < result['rays'] / (OFFICE_SCANS * 15) <= 1.0
     with np.load(out / 'map.npz') as data:
         mean, mcse, r_hat = data['posterior_mean'], data['mcse'], data['r_hat']
-        known = data['probability']
+        known, everywhere = data['probability'], data['probability_everywhere']
         assert yaml.safe_load(str(data['settings'])) == result['settings']
     assert result['settings']['chain.seed'] == 1
     assert result['agreeing_share'] is None  # there is no rule to agree by
@@ -78,6 +78,8 @@ def test_all_files_tell_the_same(sample, tmp_path):
     assert np.nanmin(r_hat) > 0.9
     # The map itself is told where data moved it, as the node shows it.
     told = np.isfinite(known)
+    assert np.array_equal(known[told], everywhere[told])
+    assert np.array_equal(np.isfinite(everywhere), touched)
     # Its probability has a fifth of what cells reflected, which draws alone do not have.
     assert np.abs(known - mean)[told].max() <= 0.2 + 1.0 / 400
     assert np.mean(known[told] == mean[told]) < 0.9

@@ -186,6 +186,10 @@ def test_a_judge_reads_what_a_sampled_map_says_of_unknown_cells(tmp_path):
     assert np.array_equal(judged.known.probability, known, equal_nan=True)
     filled = np.float32([[0.1, 0.7, np.nan]])
     assert np.array_equal(judged.filled.probability, filled, equal_nan=True)
+    # What is of all that is known of a cell comes before the mean of draws alone.
+    both = {'posterior_mean': mean, 'probability_everywhere': mean - 0.1}
+    better = save_npz(GridMap(spec, known), tmp_path / 'both.npz', {}, both)
+    assert load_judged(better).filled.probability[0, 1] == np.float32(0.7) - np.float32(0.1)
     as_given = load_judged(path, filled=False)
     assert as_given.filled is as_given.known
     for layer, reason in (
