@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,10 +13,12 @@ from ogm_mcmc.config import MapperConfig, SamplerConfig, WindowConfig
 from ogm_mcmc.errors import GridError
 from ogm_mcmc.geometry import CellBox, GridMap, GridSpec, PlacedScan, Pose2D, PoseBelief, Scan
 from ogm_mcmc.mapping import add_scans, make_method
+from ogm_mcmc.mapping.counting import CountingMapper
 from ogm_mcmc.pipeline import MappingPipeline
 from ogm_mcmc.sampling import over_dispersed_starts
 
 __all__ = [
+    'Reflections',
     'cells_on',
     'check_lattice',
     'first_maps',
@@ -24,6 +27,9 @@ __all__ = [
     'reflection_map',
     'warm_up_mapping',
 ]
+
+# As if so many more beams had passed each cell: few that ended in it say little for certain.
+DOUBTED = 20
 
 
 def map_of(
@@ -42,23 +48,46 @@ def map_of(
 
 def live_map(scans: Iterable[PlacedScan], window: WindowConfig) -> GridMap:
     """Return the two-assumption map of the beams a window takes, on its lattice."""
-    return _map_of_window(scans, window, 'two_assumption')
+    return map_of(_of_beams(scans, window), _of_window(window, 'two_assumption'))
 
 
-def reflection_map(scans: Iterable[PlacedScan], window: WindowConfig) -> GridMap:
-    """Return the share of the beams a window takes that each cell reflected ([slides])."""
-    return _map_of_window(scans, window, 'counting')
+class Reflections(NamedTuple):
+    """What cells reflected of the beams a window takes ([slides]); nan where no beam came.
+
+    share  of the beams that reached a cell; least: the same, had `DOUBTED` more passed it
+    """
+
+    share: GridMap
+    least: GridMap
 
 
-def _map_of_window(scans: Iterable[PlacedScan], window: WindowConfig, method: str) -> GridMap:
-    """Map with the beams that are sampled, too."""
-    config = MapperConfig(
+def reflection_map(
+    scans: Iterable[PlacedScan], window: WindowConfig, box: CellBox | None = None
+) -> Reflections:
+    """Return what cells of a window's lattice, or of a `box` of it, reflected."""
+    method = CountingMapper(_of_window(window, 'counting'))
+    add_scans('counting', method, _of_beams(scans, window))
+    share = method.reflection(method.spec.box)
+    hits, misses = method.counts(method.spec.box)
+    beams = hits.astype(np.float64) + misses
+    least = (share * beams / (beams + DOUBTED)).astype(np.float32)
+    maps = (GridMap(method.spec, one) for one in (share, least))
+    return Reflections(*(one if box is None else one.windowed(box) for one in maps))
+
+
+def _of_beams(scans: Iterable[PlacedScan], window: WindowConfig) -> list[PlacedScan]:
+    """Return scans of the beams that are sampled."""
+    return [scan.thinned(window.beam_stride) for scan in scans]
+
+
+def _of_window(window: WindowConfig, method: str) -> MapperConfig:
+    """Return the settings of a method on the lattice of a window."""
+    return MapperConfig(
         method=method,
         resolution=window.resolution,
         max_range=window.max_range,
         no_return=window.no_return,
     )
-    return map_of((scan.thinned(window.beam_stride) for scan in scans), config)
 
 
 def first_maps(

@@ -19,7 +19,14 @@ import numpy as np
 
 from ogm_mcmc.arrays import BoolArray, Float32Array, UInt8Array
 from ogm_mcmc.config import ForwardModelConfig, SamplerConfig, StopConfig, flatten
-from ogm_mcmc.engine.live_map import cells_on, check_lattice, first_maps, live_map, reflection_map
+from ogm_mcmc.engine.live_map import (
+    Reflections,
+    cells_on,
+    check_lattice,
+    first_maps,
+    live_map,
+    reflection_map,
+)
 from ogm_mcmc.engine.no_returns import NoReturnChoice, NoReturns, no_return_of
 from ogm_mcmc.engine.posterior import Grown, patch_prior, posterior_model
 from ogm_mcmc.engine.progress import IndexSize, Progress
@@ -33,7 +40,7 @@ from ogm_mcmc.files.output_files import replacing
 from ogm_mcmc.geometry import GridMap, GridSpec, PlacedScan
 from ogm_mcmc.sampling import ChainQuality, PosteriorModel, PosteriorSampler, RayWindow
 from ogm_mcmc.sampling.chain_starts import forgotten
-from ogm_mcmc.sampling.estimates import with_one_more_draw, with_share_of
+from ogm_mcmc.sampling.estimates import at_least, with_one_more_draw, with_share_of
 from ogm_mcmc.sampling.informed import known_cells
 from ogm_mcmc.sampling.posterior import ARRIVES, Estimate
 
@@ -69,7 +76,7 @@ class Refinement:
         self.sampler: PosteriorSampler | None = None
         self.rounds = SamplingRounds()
         # Live and reflection map of the scans taken, once asked for.
-        self._others: tuple[GridMap, GridMap | None] | None = None
+        self._others: tuple[GridMap, Reflections | None] | None = None
 
     # -- scans in ---------------------------------------------------------------------------
 
@@ -302,8 +309,9 @@ class Refinement:
     def map(self, of: Estimate | None = None) -> GridMap:
         """Return the probabilities on the window, nan where no ray ever came.
 
-        The mean of counted draws, with the live map as one more, and the share of beams that
-        cells reflected with its weight, `chain.reflecting`; or `of` what is shown until then.
+        The mean of counted draws, with the live map as one more, the share of beams that cells
+        reflected with its weight, `chain.reflecting`, and at least what that share is of many
+        beams; or `of` what is shown until then.
         """
         of = of or self._sampled().estimate()
         found = self.drawn_map(of)
@@ -313,20 +321,21 @@ class Refinement:
         found = with_one_more_draw(found, live, of.draws)
         if reflection is None:
             return found
-        return with_share_of(found, reflection, self.config.chain.reflecting)
+        found = with_share_of(found, reflection.share, self.config.chain.reflecting)
+        return at_least(found, reflection.least)
 
     def drawn_map(self, of: Estimate | None = None) -> GridMap:
         """Return the mean of the draws alone on the window, nan where no ray ever came."""
         return self.grid_map((of or self._sampled().estimate()).mean)
 
-    def _beside(self, spec: GridSpec) -> tuple[GridMap, GridMap | None]:
-        """Return the live map on a window, and the reflection map where that has a weight."""
+    def _beside(self, spec: GridSpec) -> tuple[GridMap, Reflections | None]:
+        """Return the live map on a window, and what cells reflected where that has a weight."""
         if self._others is None or self._others[0].spec != spec:
             window = self._decided().window
             counted = self.config.chain.reflecting > 0.0
             self._others = (
                 live_map(self._taken, window).windowed(spec.box),
-                reflection_map(self._taken, window).windowed(spec.box) if counted else None,
+                reflection_map(self._taken, window, spec.box) if counted else None,
             )
         return self._others
 

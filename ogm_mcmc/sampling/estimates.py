@@ -9,6 +9,7 @@ from ogm_mcmc.errors import require
 from ogm_mcmc.geometry import GridMap
 
 __all__ = [
+    'at_least',
     'hide_uncertain',
     'mutual_information_bits',
     'pair_information_bits',
@@ -157,3 +158,30 @@ def with_share_of(mean: GridMap, other: GridMap, share: float) -> GridMap:
     p, q = mean.probability, other.probability
     mixed = (1.0 - share) * p + share * q
     return GridMap(mean.spec, np.where(np.isnan(q), p, mixed).astype(np.float32))
+
+
+def at_least(mean: GridMap, least: GridMap) -> GridMap:
+    """Return the mean, raised to `least`, nan for nothing, where it is below.
+
+    Design note. A cell that the edge of a wall runs through reflected 67 of 143 beams, say. The
+    sampler calls it free for certain, since so many passed, and a weight of 0.2 for the share that
+    was reflected leaves it at 0.09. But 12 of the demo office's 70 847 free cells reflected more
+    than two beams in ten. So the share itself is the least that is believed, as if 20 more beams
+    had passed (`reflection_map`): of a few beams it says nothing, of hundreds all.
+    Best F1, F1 at 0.5, Brier score and calibration error, the weight 0.2; Intel, every second
+    pose mapped: nats a held-out beam:
+
+    ===================  ===================  =====
+    share at least, as   office, all beams    Intel
+    ===================  ===================  =====
+    (live map)           .964 .964 .0025 .0030
+    not                  .991 .957 .0024 .0045 1.262
+    20 more had passed   .991 .965 .0016 .0040 1.263
+    10 more              .992 .967 .0016 .0040 1.260
+    5 more               .992 .969 .0015 .0040 1.252
+    ===================  ===================  =====
+
+    Where beams are few nothing changes (buildings 1 and 9, two map images, Intel's experiment 3).
+    """
+    p, q = mean.probability, least.probability
+    return GridMap(mean.spec, np.where(np.isnan(p), p, np.fmax(p, q)).astype(np.float32))

@@ -16,7 +16,7 @@ from ogm_mcmc.config import (
     WindowConfig,
 )
 from ogm_mcmc.config.nodes import RefineSamplerConfig
-from ogm_mcmc.engine.live_map import live_map, reflection_map
+from ogm_mcmc.engine.live_map import DOUBTED, live_map, reflection_map
 from ogm_mcmc.engine.refined_map import RefinedMap
 from ogm_mcmc.engine.refinement import Refinement
 from ogm_mcmc.geometry import PlacedScan, Pose2D
@@ -92,15 +92,33 @@ def test_the_share_of_beams_that_a_cell_reflected_has_its_weight():
         run(refinement, max_sweeps=12)
     plain, found = (one.map().probability for one in (of_draws, mixed))
     spec = mixed.window.spec
-    reflected = reflection_map([FIRST, SECOND], mixed.config.window).windowed(spec.box).probability
+    counted = reflection_map([FIRST, SECOND], mixed.config.window, spec.box)
+    reflected, least = (one.probability for one in counted)
     known = np.isfinite(reflected) & np.isfinite(plain)
     assert {0.0, 1.0} <= set(reflected[known])
-    assert found[known] == approx(0.9 * plain[known] + 0.1 * reflected[known], abs=1e-6)
+    expected = np.maximum(0.9 * plain + 0.1 * reflected, least)
+    assert found[known] == approx(expected[known], abs=1e-6)
     assert np.array_equal(found[~known], plain[~known], equal_nan=True)
     # Scans that come later have their share, too.
     mixed.take([FIRST, SECOND, THIRD])
     run(mixed, max_sweeps=12)
     assert np.isfinite(mixed.map().probability).sum() > np.isfinite(found).sum()
+
+
+def test_a_cell_that_reflected_many_beams_has_no_less_than_their_share():
+    """80 beams end in a cell that 100 pass: to a sampler, that readings err is likelier."""
+    ends, passes = (PlacedScan.at(fan(r), Pose2D(0.05, 0.05)) for r in (1.0, 1.1))
+    scans = [*[ends] * 80, *[passes] * 100]
+    maps = []
+    for reflecting in (0.0, 0.2):
+        window, beams = {'resolution': 0.1}, {'sigma': 0.1, 'clutter': 0.01, 'missing': 0.01}
+        refinement = taken(*scans, reflecting=reflecting, window=window, model=beams)
+        run(refinement, max_sweeps=12)
+        maps.append(refinement.map())
+    column, row = maps[0].spec.cell_of(1.05, 0.05)
+    without, found = (one.probability[row, column] for one in maps)
+    assert without < 0.1
+    assert found == approx(80.0 / (180.0 + DOUBTED))
 
 
 def test_cells_no_more_certain_than_the_prior_are_hidden():

@@ -9,6 +9,7 @@ from support.strategies import REPEATABLE
 
 from ogm_mcmc.geometry import GridMap, GridSpec
 from ogm_mcmc.sampling.estimates import (
+    at_least,
     mutual_information_bits,
     with_one_more_draw,
     with_share_of,
@@ -73,3 +74,13 @@ def test_another_map_has_a_share_where_it_knows_anything():
     found = with_share_of(mean, other, 0.1).probability[0]
     assert found[:4] == approx([0.05, 0.925, 0.4, 9e-31], rel=1e-5)
     assert math.isnan(found[4])
+
+
+def test_a_map_is_raised_to_the_least_that_another_one_says():
+    def row(*values):
+        return GridMap(GridSpec(0.1, 5, 1), np.array([values], np.float32))
+
+    mean, least = row(0.0, 1.0, 0.4, math.nan, 0.3), row(0.5, 0.25, math.nan, 0.9, 0.3)
+    assert at_least(mean, least).probability[0] == approx(
+        [0.5, 1.0, 0.4, math.nan, 0.3], nan_ok=True
+    )
