@@ -60,8 +60,9 @@ def test_what_data_did_not_move_is_one_chance_as_on_collision_query(folder, caps
     samples = load_samples(folder / 'prior.npz')
     bits = SampleBits.of_maps(samples.spec, samples.maps, samples.touched)
     mean = np.where(samples.known, np.float32(0.1), np.float32(np.nan))
-    bits = bits.known_in(GridMap(samples.spec, mean))
-    node = RefinedMap(1, GridMap(samples.spec, mean), unknown, 4, 1, 0, True, samples=bits)
+    shown = GridMap(samples.spec, mean)
+    bits = bits.known_in(shown)
+    node = RefinedMap(1, shown, shown, unknown, 4, 1, 0, True, samples=bits)
     assert node.collision_risk(np.array(WAY), 0.06).tolist() == [*path['risk'], path['whole_way']]
 
 

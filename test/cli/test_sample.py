@@ -80,8 +80,10 @@ def test_all_files_tell_the_same(sample, tmp_path):
     told = np.isfinite(known)
     assert np.array_equal(known[told], everywhere[told])
     assert np.array_equal(np.isfinite(everywhere), touched)
-    # Its probability has a fifth of what cells reflected, which draws alone do not have.
-    assert np.abs(known - mean)[told].max() <= 0.2 + 1.0 / 400
+    # Its probability has a fifth of what cells reflected, which draws alone do not have; a few
+    # that reflected many beams are raised to their share.
+    assert (mean - known)[told].max() <= 0.2 + 1.0 / 400
+    assert 0 < np.count_nonzero((known - mean)[told] > 0.2 + 1.0 / 400) < 0.01 * told.sum()
     assert np.mean(known[told] == mean[told]) < 0.9
     assert 1000 < told.sum() < touched.sum()
     assert (known > 0.5).sum() > 200
