@@ -7,7 +7,7 @@ PYTHON ?= $(shell for p in python3.12 python3.11 python3; do \
 	&& echo $$p && break; done)
 VENV := .venv
 PY := $(VENV)/bin/python
-PIP := $(PY) -m pip install --quiet --no-compile
+PIP := $(PY) -m pip install --quiet
 RUNS := $(VENV)/.runs
 READY := $(VENV)/.ready
 INPUT ?=
@@ -18,8 +18,8 @@ export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
 setup: $(READY)
 
-# What runs: the package, ROS 2 and pictures. Python compiles what it imports by itself, which takes less time;
-# kernels are compiled while the rest arrives.
+# What runs: the package, ROS 2 and pictures; kernels are compiled while the rest arrives. pip compiles what it
+# installs: where Python may not write bytecode (PYTHONDONTWRITEBYTECODE) every start would take 2 s more.
 $(RUNS): setup.py
 	@test -n "$(PYTHON)" || { echo 'error: expected Python 3.11 or 3.12; name one: make PYTHON=...'; exit 2; }
 	$(PYTHON) -m venv $(VENV)

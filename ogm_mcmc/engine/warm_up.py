@@ -30,8 +30,9 @@ def warm_up_sampling(config: SamplerConfig) -> int:
     )
     first, second = (PlacedScan.at(scan, Pose2D(x, 0.0)) for x in (0.0, reach))
     refinement = Refinement(replace(config, window=replace(config.window, beam_stride=1)))
-    # The second time extends the index, which takes one kernel more.
-    for scans in ([first], [first, second]):
+    # The second time extends the index, the third merges beams that are equal: each takes kernels
+    # of its own.
+    for scans in ([first], [first, second], [first, second, first]):
         refinement.take(scans)
         done = list(refinement.run(StopConfig(max_sweeps=config.chain.burn_in + 1)))
     return done[-1].sweeps

@@ -185,6 +185,20 @@ def test_warm_up_runs_everything_once(order):
     assert warm_up_sampling(config) == 4
 
 
+def test_warm_up_merges_beams(monkeypatch):
+    """Else the first `~/refine` of a robot that stood still would compile for seconds."""
+    merged = []
+    run = Refinement.run
+
+    def noted(refinement, stop):
+        merged.append(refinement.size.n_merged)
+        return run(refinement, stop)
+
+    monkeypatch.setattr(Refinement, 'run', noted)
+    warm_up_sampling(SamplerConfig(chain=ChainConfig(burn_in=3)))
+    assert merged[-1] > 0
+
+
 def test_what_chance_may_do_is_not_shown():
     """100 draws of a cell with the prior 0.2: 0.08 to 0.32 says nothing, whatever the margin."""
     refinement = taken(scans())
