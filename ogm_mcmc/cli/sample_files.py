@@ -50,8 +50,8 @@ def write_all(
     The NPZ and the entropy have `Refinement.known_map`: nan where data did not move a cell. Layers
     of all cells that rays came to are `probability_everywhere` (`Refinement.map`), and
     `posterior_mean`, the mean of the draws alone: behind the first surface the prior alone speaks
-    there, and draws it solid. PGM and PNG show where
-    that is more certain than the prior (`hide_uncertain`). An old set is replaced as a whole.
+    there, and draws it solid. PGM and PNG show where this mean is more certain than the prior
+    (`hide_uncertain`). An old set is replaced as a whole.
     """
     refinement, settings = sampled.refinement, result['settings']
     assert refinement.sampler is not None

@@ -32,6 +32,7 @@ from ogm_mcmc.engine.corrections import Nodes, corrected_poses
 from ogm_mcmc.engine.robot_track import RobotTrack, turned_back
 from ogm_mcmc.geometry import Pose2D
 from ogm_mcmc.geometry.motion import SLACK_M, SLACK_RAD
+from ogm_mcmc.trajectory.moves import relative_poses
 
 __all__ = ['seldom', 'track_of', 'with_recorded_motion']
 
@@ -93,7 +94,11 @@ def _agreed(nodes: Nodes, recorded: RobotTrack, longest_s: float) -> BoolArray:
     """Whether recorded motion from each node to the next (N - 1,) is about theirs."""
     known = recorded.spans(nodes.stamps_ns)
     near = np.diff(nodes.stamps_ns) <= longest_s * 1e9
-    away = _steps(nodes.poses) - _steps(recorded.at(nodes.stamps_ns))
+    theirs, ours = (
+        relative_poses(poses[:-1], poses[1:])
+        for poses in (nodes.poses, recorded.at(nodes.stamps_ns))
+    )
+    away = theirs - ours
     since = recorded.stamps - recorded.stamps[0]
     step = np.abs(np.diff(recorded.poses, axis=0))
     gone = np.stack((np.hypot(step[:, 0], step[:, 1]), np.abs(turned_back(step[:, 2]))))
@@ -108,15 +113,6 @@ def _agreed(nodes: Nodes, recorded: RobotTrack, longest_s: float) -> BoolArray:
     )
     agreed: BoolArray = known[:-1] & known[1:] & near & place & heading
     return agreed
-
-
-def _steps(poses: Float64Array) -> Float64Array:
-    """Return each pose (N - 1, 3) as seen from the one before it."""
-    step = np.diff(poses, axis=0)
-    cosine, sine = np.cos(poses[:-1, 2]), np.sin(poses[:-1, 2])
-    x, y = step[:, 0].copy(), step[:, 1].copy()
-    step[:, 0], step[:, 1] = cosine * x + sine * y, cosine * y - sine * x
-    return step
 
 
 def _foretells(nodes: Nodes, recorded: RobotTrack) -> bool:

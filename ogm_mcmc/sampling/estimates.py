@@ -95,7 +95,7 @@ def hide_uncertain(
         if draws > 0:
             by_chance = 3.0 * np.sqrt(prior * (1.0 - prior) / draws)
             differs = np.abs(p - np.float32(prior)) > by_chance
-            # Also where a guess is one more draw: it moves no cell that is the same further.
+            # The same in all draws, also of a map in which a guess is one more draw.
             same = np.float32(1.0 / (draws + 1))
             differs |= (p < same) & ((1.0 - prior) ** draws < SAME_BY_CHANCE)
             differs |= (np.float32(1.0) - p < same) & (prior**draws < SAME_BY_CHANCE)
