@@ -167,7 +167,7 @@ def add_stream_options(parser: argparse.ArgumentParser) -> None:
         '--trajectory',
         type=path_argument,
         metavar='FILE',
-        help='poses of a file in place of the bag: TUM, EuRoC, KITTI or g2o',
+        help='poses of a file in place of the bag: TUM, EuRoC, KITTI, g2o, CSV of `simulate`',
     )
     group.add_argument(
         '--trajectory-stamps',

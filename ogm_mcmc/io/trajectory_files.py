@@ -1,4 +1,4 @@
-"""Trajectories in the text formats of SLAM tools: TUM, EuRoC, KITTI and g2o in, TUM out.
+"""Trajectories as text: TUM, EuRoC, KITTI, g2o and the CSV of `simulate` in, TUM out.
 
 ====== ========================================================= ==========================
 format a line                                                    stamps
@@ -7,6 +7,7 @@ TUM    `t x y z qx qy qz qw`                                     seconds
 EuRoC  `t, x, y, z, qw, qx, qy, qz, ...`                         nanoseconds
 KITTI  the upper three rows of the 4 x 4 matrix, 12 numbers      another file: a line each
 g2o    `VERTEX_SE2 id x y yaw`, other lines are passed over      another file: `id stamp`
+CSV    `stamp_ns,x_m,y_m,yaw_rad`, below a line that says so     nanoseconds
 ====== ========================================================= ==========================
 
 Stamps are read as decimal numbers, not through floats, so that no nanosecond is lost. Lines that
@@ -30,15 +31,19 @@ from ogm_mcmc.files.input_files import reason_of, text_of
 from ogm_mcmc.files.output_files import replacing
 from ogm_mcmc.geometry import Pose2D, pose_from_quaternion
 
-__all__ = ['Trajectory', 'read_trajectory', 'with_ends_held', 'write_tum']
+__all__ = ['POSE_COLUMNS', 'Trajectory', 'read_trajectory', 'with_ends_held', 'write_tum']
 
 NS_PER_S = 1_000_000_000
 
 # Stamps in text files are rounded, often to microseconds and at worst to this.
 ROUNDING_NS = 1_000_000
 
+POSE_COLUMNS = 'stamp_ns', 'x_m', 'y_m', 'yaw_rad'
+"""The first line of the CSV that `simulate` writes."""
+
 FORMATS = (
-    'TUM (8 numbers), KITTI (12 numbers), EuRoC (8 or more, separated by commas) or VERTEX_SE2'
+    'TUM (8 numbers), KITTI (12 numbers), EuRoC (8 or more, separated by commas), VERTEX_SE2, or '
+    f'a CSV that begins with {",".join(POSE_COLUMNS)}'
 )
 
 
@@ -79,11 +84,14 @@ def read_trajectory(path: Path, stamps: Path | None = None) -> Trajectory:
         raise PoseError(f'{path}: {kind} keeps no stamps: expected a second file with them')
     if stamps is not None and not needs_stamps:
         raise PoseError(f'{path}: {kind} has its own stamps: expected no file beside it')
+    if kind == 'CSV':
+        del lines[0]
     posed = [found for line in lines if (found := _read_line(path, line, read))]
     if stamps is not None:
         posed = (_by_id if kind == 'g2o' else _by_place)(path, posed, stamps)
     if not posed:
-        raise PoseError(f'{path}: no VERTEX_SE2 in it: expected poses')
+        what = 'VERTEX_SE2' if kind == 'g2o' else 'pose'
+        raise PoseError(f'{path}: no {what} in it: expected poses')
     for earlier, later in pairwise(posed):
         if later.key <= earlier.key:
             raise PoseError(
@@ -137,6 +145,8 @@ def _format_of(path: Path, line: _Line) -> str:
     count = len(line.words)
     if line.words[0].startswith(('VERTEX_', 'EDGE_', 'FIX', 'PARAMS_')):
         return 'g2o'
+    if tuple(line.words) == POSE_COLUMNS:
+        return 'CSV'
     if line.commas and count >= 8:
         return 'EuRoC'
     if not line.commas and count in (8, 12):
@@ -173,6 +183,12 @@ def _euroc(line: _Line) -> _Posed:
     return _Posed(line.number, stamp_ns, _level((x, y), (qx, qy, qz, qw)))
 
 
+def _csv(line: _Line) -> _Posed:
+    _require_count(line, 4)
+    x, y, yaw = _numbers(line.words[1:])
+    return _Posed(line.number, _decimal_ns(line.words[0], 1), Pose2D(x, y, yaw))
+
+
 def _kitti(line: _Line) -> _Posed:
     _require_count(line, 12)
     table = np.array(_numbers(line.words)).reshape(3, 4)
@@ -200,6 +216,7 @@ READERS: dict[str, tuple[Reader, bool]] = {
     'EuRoC': (_euroc, False),
     'KITTI': (_kitti, True),
     'g2o': (_g2o, True),
+    'CSV': (_csv, False),
 }
 
 

@@ -14,6 +14,7 @@ from ogm_mcmc.files.user_paths import user_path
 from ogm_mcmc.geometry import GridMap, Pose2D
 from ogm_mcmc.io.map_files import load_grid
 from ogm_mcmc.io.map_images import MOST_CELLS, greys_as_map
+from ogm_mcmc.io.trajectory_files import POSE_COLUMNS
 from ogm_mcmc.simulation import FLOOR_PLANS, WORLDS, Building, GridWorld, generate_floor
 
 __all__ = ['WORLD_NAMES', 'load_image', 'load_world', 'world_kind', 'write_poses']
@@ -76,9 +77,9 @@ def load_image(path: Path, resolution_m: float, most_cells: int = MOST_CELLS) ->
 
 
 def write_poses(path: Path, poses: Iterable[tuple[int, Pose2D]]) -> None:
-    """Write a CSV with a header: stamp_ns, x_m, y_m, yaw_rad, exact to the last digit."""
+    """Write a CSV that `read_trajectory` reads, exact to the last digit."""
     with replacing(path) as temporary, temporary.open('w', newline='', encoding='utf-8') as stream:
         table = csv.writer(stream)
-        table.writerow(('stamp_ns', 'x_m', 'y_m', 'yaw_rad'))
+        table.writerow(POSE_COLUMNS)
         for stamp_ns, pose in poses:
             table.writerow((stamp_ns, repr(pose.x_m), repr(pose.y_m), repr(pose.yaw_rad)))

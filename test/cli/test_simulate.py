@@ -278,6 +278,10 @@ def test_a_drive_with_drift_and_the_trajectory_that_corrects_it(tmp_path, capsys
     assert [p.pose.position.x for p in path.poses] == [true[stamp] for stamp in stamps]
     told = read_trajectory(tmp_path / 'bag_trajectory.tum')
     assert told.stamps_ns.tolist() == stamps
+    # What `--trajectory` takes, for a map at the true poses.
+    every = read_trajectory(tmp_path / 'bag_poses.csv')
+    assert every.stamps_ns.tolist() == list(true)
+    assert [pose.x_m for pose in every.poses] == list(true.values())
 
 
 @pytest.mark.parametrize(

@@ -30,6 +30,10 @@ VERTEX_SE2 9 3.25 -4 0
 VERTEX_SE2 7 1 2 {math.pi / 2}
 EDGE_SE2 7 9 1 0 0 1 0 0 1 0 1
 """
+CSV = f"""stamp_ns,x_m,y_m,yaw_rad
+{NOW},1,2,{math.pi / 2}
+1700000001500000000,3.25,-4,0
+"""
 IDS = '7 1700000000.123456789\n8 1.0\n9 1700000001.5\n'
 
 
@@ -53,6 +57,7 @@ def reading(tmp_path):
         ('EuRoC', EUROC, None),
         ('KITTI', KITTI, TIMES),
         ('g2o', G2O, IDS),
+        ('CSV', CSV, None),
     ],
 )
 def test_every_format_is_told_by_its_content(reading, kind, text, stamps):
@@ -97,6 +102,11 @@ LINE = '1 0 0 0 0 0 0 1\n'
         (G2O, '7 1\n', 'stamps.txt: no stamp for id 9 of line 2 in'),
         (G2O, 'x 1\n', "stamps.txt: line 1: id 'x': expected a whole number"),
         ('FIX 7\n', IDS, 'poses.txt: no VERTEX_SE2 in it'),
+        ('stamp_ns,x_m,y_m,yaw_rad\n', None, 'poses.txt: no pose in it: expected poses'),
+        ('stamp_ns,x_m,y_m,yaw_rad\n1,2,3\n', None, 'line 2: 3 values: expected 4'),
+        ('stamp_ns,x_m,y_m,yaw_rad\n1,2,3,inf\n', None, "line 2: 'inf': expected a finite"),
+        ('stamp_ns,x_m,y_m,yaw_rad\n.,2,3,0\n', None, "line 2: stamp '.': expected ns from 0"),
+        (CSV, TIMES, 'poses.txt: CSV has its own stamps: expected no file beside it'),
         ('VERTEX_SE3:QUAT 0 0 0 0 0 0 0 1\n', IDS, 'line 1: VERTEX_SE3: expected poses in the pl'),
     ],
 )
