@@ -83,7 +83,14 @@ def write_all(
             'posterior_mean': mean.probability,
             **_layers(refinement, mean.spec.box),
         }
-        shown = hide_uncertain(known, refinement.prior, sampled.margin, estimate.draws, mean)
+        shown = hide_uncertain(
+            known,
+            refinement.prior,
+            sampled.margin,
+            estimate.draws,
+            mean,
+            _on(mean.spec, refinement.guess),
+        )
         write_shown(shown, scratch, output, name)
         save_npz(known, scratch / f'{name}.npz', settings, layers)
         entropy = heat_png(entropy_bits(known.probability), 1.0)

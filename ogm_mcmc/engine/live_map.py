@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -90,12 +90,12 @@ def _of_window(window: WindowConfig, method: str) -> MapperConfig:
     )
 
 
-def first_maps(
-    scans: Sequence[PlacedScan], config: SamplerConfig, spec: GridSpec
-) -> list[UInt8Array]:
-    """Return the maps (K,) on a window that chains start from, as the settings have it."""
+def first_maps(live: GridMap, config: SamplerConfig, spec: GridSpec) -> list[UInt8Array]:
+    """Return the maps (K,) on a window that chains start from, as the settings have it.
+
+    live  the live map of the scans of that window
+    """
     chain = config.chain
-    live = live_map(scans, config.window)
     return over_dispersed_starts(
         chain.start,
         chain.chains,

@@ -24,7 +24,7 @@ class RefinedMap(NamedTuple):
     `drawn` is the mean of `draws` maps of all chains, which decides what is shown, with a value
     also where data says nothing; a cell of which nothing is known has `prior`. `trajectory` are
     the poses it was sampled at, where they are estimated; `samples` some of the maps, None while
-    no sweep counts.
+    no sweep counts. `guess`, the live map of the same scans, says with a few draws what is known.
     """
 
     number: int
@@ -37,6 +37,7 @@ class RefinedMap(NamedTuple):
     final: bool
     trajectory: RefinedTrajectory | None = None
     samples: SampleBits | None = None
+    guess: GridMap | None = None
 
     def collision_risk(self, places: Float64Array, radius_m: float) -> Float64Array:
         """Return (N + 1,): how likely a disc meets something at each place, and on the way.
@@ -50,7 +51,9 @@ class RefinedMap(NamedTuple):
 
     def shown(self, margin: float) -> GridMap:
         """Return the map where draws are surer than the prior by `margin`: `hide_uncertain`."""
-        return hide_uncertain(self.grid_map, self.prior, margin, self.draws, self.drawn)
+        return hide_uncertain(
+            self.grid_map, self.prior, margin, self.draws, self.drawn, self.guess
+        )
 
 
 class WorkerStatus(NamedTuple):

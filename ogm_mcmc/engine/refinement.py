@@ -75,7 +75,9 @@ class Refinement:
         self._table, self.prior = patch_prior(config)
         self.sampler: PosteriorSampler | None = None
         self.rounds = SamplingRounds()
-        # Live and reflection map of the scans taken, once asked for.
+        # The live map where it was made for chains to begin at; on the window it is beside what
+        # cells reflected, once a map is asked for.
+        self._live: GridMap | None = None
         self._others: tuple[GridMap, Reflections | None] | None = None
 
     # -- scans in ---------------------------------------------------------------------------
@@ -103,7 +105,7 @@ class Refinement:
         asked = self.config.window
         found = no_return_of(asked.no_return, scans, asked.resolution, asked.max_range)
         grows = extends and found.value == self.no_return.value
-        self._index_spent = False
+        self._index_spent, self._live = False, None
         self.no_return_found = found
         try:
             self.no_return = found
@@ -120,6 +122,7 @@ class Refinement:
             sampler = self._begun(window, scans, start, (warm, moved, soon), grown)
         except BaseException:
             self.no_return, self.model, self.sensor = held
+            self._live = None
             if self._index_spent:
                 self._take_nothing()
             raise
@@ -193,7 +196,8 @@ class Refinement:
         if start is not None:
             starts = [cells_on(spec, start, chain.start_threshold, chain.prior)] * chain.chains
         elif not starts or moved is not None:
-            fresh = first_maps(scans, self._decided(), spec)
+            self._live = live_map(scans, self._decided().window)
+            fresh = first_maps(self._live, self._decided(), spec)
             only = moved if starts else None
             if only is not None:
                 fresh = [np.where(only, a, b) for a, b in zip(fresh, starts, strict=True)]
@@ -309,16 +313,15 @@ class Refinement:
     def map(self, of: Estimate | None = None) -> GridMap:
         """Return the probabilities on the window, nan where no ray ever came.
 
-        The mean of counted draws, with the live map as one more, the share of beams that cells
-        reflected with its weight, `chain.reflecting`, and at least what that share is of many
-        beams; or `of` what is shown until then.
+        The mean of draws, with the live map as one more, the share of beams that cells reflected
+        with its weight, `chain.reflecting`, and at least what that share is of many beams.
+        `of` draws of the burn-in as of those that count: few draws are completed best, Intel,
+        every second beam mapped, nats a held-out beam, draws alone and completed: .915, 1.258
+        after one sweep, .973, 1.281 after four, 1.000, 1.286 after seven; the live map .912.
         """
         of = of or self._sampled().estimate()
-        found = self.drawn_map(of)
-        if of.sweeps == 0:
-            return found
-        live, reflection = self._beside(found.spec)
-        found = with_one_more_draw(found, live, of.draws)
+        live, reflection = self._beside()
+        found = with_one_more_draw(self.drawn_map(of), live, of.draws)
         if reflection is None:
             return found
         found = with_share_of(found, reflection.share, self.config.chain.reflecting)
@@ -328,15 +331,20 @@ class Refinement:
         """Return the mean of the draws alone on the window, nan where no ray ever came."""
         return self.grid_map((of or self._sampled().estimate()).mean)
 
-    def _beside(self, spec: GridSpec) -> tuple[GridMap, Reflections | None]:
-        """Return the live map on a window, and what cells reflected where that has a weight."""
-        if self._others is None or self._others[0].spec != spec:
+    @property
+    def guess(self) -> GridMap:
+        """The live map on the window, nan where no ray ever came: who shows draws has it too."""
+        return self._beside()[0]
+
+    def _beside(self) -> tuple[GridMap, Reflections | None]:
+        """Return the live map on the window, and what cells reflected where that weighs."""
+        box = self.window.spec.box
+        if self._others is None or self._others[0].spec.box != box:
             window = self._decided().window
+            live = live_map(self._taken, window) if self._live is None else self._live
             counted = self.config.chain.reflecting > 0.0
-            self._others = (
-                live_map(self._taken, window).windowed(spec.box),
-                reflection_map(self._taken, window, spec.box) if counted else None,
-            )
+            reflection = reflection_map(self._taken, window, box) if counted else None
+            self._others, self._live = (live.windowed(box), reflection), None
         return self._others
 
     def known_map(self, of: Estimate | None = None) -> GridMap:

@@ -331,6 +331,7 @@ class RefineWorker:
                 final,
                 self._poses.trajectory,
                 samples,
+                refinement.guess,
             )
 
     def _write_state(self) -> None:

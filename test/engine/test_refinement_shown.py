@@ -88,7 +88,6 @@ def test_cells_that_are_free_in_all_draws_are_in_the_order_of_the_live_map():
 def test_the_share_of_beams_that_a_cell_reflected_has_its_weight():
     of_draws, mixed = taken(FIRST, SECOND), taken(FIRST, SECOND, reflecting=0.1)
     for refinement in (of_draws, mixed):
-        assert refinement.map().probability.size > 0  # before a sweep counts it has none
         run(refinement, max_sweeps=12)
     plain, found = (one.map().probability for one in (of_draws, mixed))
     spec = mixed.window.spec
@@ -119,6 +118,60 @@ def test_a_cell_that_reflected_many_beams_has_no_less_than_their_share():
     without, found = (one.probability[row, column] for one in maps)
     assert without < 0.1
     assert found == approx(80.0 / (180.0 + DOUBTED))
+
+
+@pytest.mark.filterwarnings('ignore:.*prior learned at')
+def test_the_map_of_a_burn_in_is_made_as_that_of_counted_draws():
+    refinement = Refinement(learned(reflecting=0.2))
+    scans = [room()] * 3
+    refinement.take(scans)
+    window, spec = refinement.config.window, refinement.window.spec
+    live = live_map(scans, window).windowed(spec.box).probability
+    reflected, least = (one.probability for one in reflection_map(scans, window, spec.box))
+    for sweeps, draws in ((0, 2), (1, 2), (4, 6)):
+        refinement.sampler.advance(sweeps)
+        of = refinement.sampler.present_estimate()
+        assert (of.sweeps, of.draws) == (0, draws)
+        p = refinement.drawn_map(of).probability
+        p = np.where(np.isnan(live), p, (draws * p + live) / (draws + 1))
+        p = np.fmax(np.where(np.isnan(reflected), p, 0.8 * p + 0.2 * reflected), least)
+        found = refinement.map(of).probability
+        seen = np.isfinite(found)
+        assert found[seen] == approx(p[seen], abs=1e-6)
+    assert np.array_equal(refinement.guess.probability, live, equal_nan=True)
+
+
+@pytest.mark.filterwarnings('ignore:.*prior learned at')
+def test_the_first_map_is_there_after_one_sweep_and_as_crisp_as_later_ones():
+    refinement = Refinement(learned())
+    refinement.take([room()])
+    shown = []
+    for sweeps in (1, 99):
+        refinement.sampler.advance(sweeps)
+        of = refinement.sampler.present_estimate()
+        known, drawn = refinement.known_map(of), refinement.drawn_map(of)
+        handed = RefinedMap(
+            1, known, drawn, refinement.prior, of.draws, 1, 0, final=False, guess=refinement.guess
+        )
+        shown.append(np.isfinite(handed.shown(0.02).probability))
+        without = np.isfinite(handed._replace(guess=None).shown(0.02).probability)
+    assert (shown[1] == without).all()  # draws enough
+    assert shown[0].sum() > 0.9 * shown[1].sum()
+    assert (shown[0] & ~shown[1]).sum() < 0.01 * shown[1].sum()
+
+
+def test_few_draws_show_what_another_map_of_the_same_beams_says_too():
+    drawn = lattice_map([[0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.5, 0.5]])
+    guess = lattice_map([[0.1, 0.9, math.nan, 0.9, 0.1, math.nan, 0.0, 1.0]])
+    mixed = lattice_map([[0.1, 0.2, 0.3, 0.9, 0.8, 0.7, 0.4, 0.6]])
+    shown = hide_uncertain(mixed, 0.3, 0.02, 2, drawn, guess).probability[0]
+    assert np.isfinite(shown).tolist() == [True, False, False, True, False, False, False, False]
+    assert shown[[0, 3]] == approx([0.1, 0.9])
+    assert np.isnan(hide_uncertain(mixed, 0.3, 0.02, 2, drawn).probability).all()
+    # Nine draws tell by themselves.
+    nine = [hide_uncertain(mixed, 0.3, 0.02, 9, drawn, *more) for more in ((), (guess,))]
+    assert np.array_equal(nine[0].probability, nine[1].probability, equal_nan=True)
+    assert np.isfinite(nine[0].probability[0, :6]).all()
 
 
 def test_cells_no_more_certain_than_the_prior_are_hidden():

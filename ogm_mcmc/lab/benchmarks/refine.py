@@ -13,13 +13,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ogm_mcmc.config import SamplerConfig, StopConfig, flatten
+from ogm_mcmc.config import SamplerConfig, ShownConfig, StopConfig, flatten
 from ogm_mcmc.engine.live_map import live_map
 from ogm_mcmc.engine.progress import Progress
 from ogm_mcmc.engine.refinement import Refinement
 from ogm_mcmc.engine.warm_up import warm_up_sampling
 from ogm_mcmc.evaluation import ForwardModel, beam_log_likelihood
 from ogm_mcmc.geometry import GridMap, PlacedScan
+from ogm_mcmc.sampling.estimates import hide_uncertain
 from ogm_mcmc.simulation import WORLDS, Lidar, record
 
 __all__ = ['Clock', 'Patience', 'every_other_beam', 'recorded_office', 'time_refining']
@@ -136,7 +137,10 @@ def _agreement(
 def _first_better(
     placed: Sequence[PlacedScan], config: SamplerConfig, most_s: float
 ) -> dict[str, Any]:
-    """Map the even beams; say when odd ones first prefer the refined map, and how it went on."""
+    """Map the even beams; say when odd ones first prefer the refined map, and how it went on.
+
+    First is the first map that is better as the node shows it, unknown cells as the prior has it.
+    """
     mapped, held_out = every_other_beam(placed, 0), every_other_beam(placed, 1)
     judge = ForwardModel.from_config(config.model)
 
@@ -157,11 +161,15 @@ def _first_better(
         if looks and now.wall < NEXT_LOOK * looks[-1]['wall']:
             continue
         clock.pause()
-        assert refinement.sampler is not None
-        shown = refinement.map(refinement.sampler.present_estimate())
-        refined = nats(shown, refinement.prior)
-        looks.append({**now.rounded(), 'sweeps': progress.sweeps, 'nats': refined})
-        if first is None and refined > live:
+        whole, shown = _maps(refinement)
+        look = {
+            'sweeps': progress.sweeps,
+            'nats': nats(whole, refinement.prior),
+            'nats_as_shown': nats(shown, refinement.prior),
+            'shown_cells': int(np.isfinite(shown.probability).sum()),
+        }
+        looks.append({**now.rounded(), **look})
+        if first is None and look['nats_as_shown'] > live:
             first = now
         if now.wall > most_s:
             break
@@ -171,6 +179,16 @@ def _first_better(
         'live_nats': live,
         'refined': looks,
     }
+
+
+def _maps(refinement: Refinement) -> tuple[GridMap, GridMap]:
+    """Return the whole map while sampling goes on, and as the node shows it, nan elsewhere."""
+    assert refinement.sampler is not None
+    of = refinement.sampler.present_estimate()
+    known, drawn = refinement.known_map(of), refinement.drawn_map(of)
+    margin = ShownConfig().unknown_margin
+    shown = hide_uncertain(known, refinement.prior, margin, of.draws, drawn, refinement.guess)
+    return refinement.map(of), shown
 
 
 def _last(rounds: Iterator[Progress]) -> Progress:
