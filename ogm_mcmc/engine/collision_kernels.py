@@ -5,6 +5,9 @@ import math
 import numpy as np
 from numba import njit
 
+# Rows beyond the map that are looked at; their unknown cells are more than enough.
+FAR = 2000
+
 
 @njit(cache=True, nogil=True)
 def reach(ax, ay, bx, by, radius, low, high, span):
@@ -40,72 +43,78 @@ def reach(ax, ay, bx, by, radius, low, high, span):
 
 @njit(cache=True, nogil=True)
 def add_blocked(words, known, ax, ay, bx, by, radius, blocked):
-    """Set the bits of the samples that block the way from a to b; return if it is not all known.
+    """Set the bits of samples that block the way from a to b; return its unknown cells and all.
 
     words    (height, width, L) uint64, bit s % 64 of word s // 64: occupied in sample s
     known    (height, width) bool; every cell outside is unknown
     ax..by   both ends, in cells from the lower left corner of the map; radius, cells
     blocked  (L,) uint64, output: bits are added
+    Far outside of the map no more than FAR rows are counted: a way cannot take forever.
     """
     height, width, n_words = words.shape
     span = np.empty(2)
-    unknown = False
+    unknown, total = 0.0, 0.0
     bottom = math.floor(min(ay, by) - radius)
     top = math.floor(max(ay, by) + radius)
-    if bottom < 0 or top >= height:
-        unknown = True
-        bottom, top = max(bottom, 0), min(top, height - 1)
+    bottom, top = max(bottom, min(top, 0) - FAR), min(top, max(bottom, height - 1) + FAR)
     for row in range(bottom, top + 1):
         reach(ax, ay, bx, by, radius, float(row), row + 1.0, span)
         if span[0] > span[1]:
             continue
         first, last = math.floor(span[0]), math.floor(span[1])
-        if first < 0 or last >= width:
-            unknown = True
-            first, last = max(first, 0), min(last, width - 1)
-        for column in range(first, last + 1):
+        total += last - first + 1.0
+        unknown += last - first + 1.0
+        if row < 0 or row >= height:
+            continue
+        for column in range(max(first, 0), min(last, width - 1) + 1):
             if known[row, column]:
+                unknown -= 1.0
                 for k in range(n_words):
                     blocked[k] |= words[row, column, k]
-            else:
-                unknown = True
-    return unknown
+    return unknown, total
 
 
 @njit(cache=True, nogil=True)
-def share_blocked(blocked, count, unknown, p_unknown):
-    """Return the share of `count` samples that are blocked; others with p_unknown if `unknown`."""
+def share_blocked(blocked, count, p_unknown, chances):
+    """How likely it is blocked: in a share of `count` samples, or by chances of p_unknown each."""
     hits = 0
     for word in blocked:
         while word != np.uint64(0):
             word &= word - np.uint64(1)
             hits += 1
-    share = hits / count
-    if unknown:
-        share += p_unknown * (1.0 - share)
-    return share
+    clear = 1.0 - hits / count
+    if chances > 0.0:
+        clear *= (1.0 - p_unknown) ** chances
+    return 1.0 - clear
 
 
 @njit(cache=True, nogil=True)
-def way_risk(words, known, count, places, radius, p_unknown, risk):
+def way_risk(words, known, count, places, radius, p_unknown, lump, risk):
     """Probability of a collision at each place and, last, on the whole way through them.
 
     words, known, radius  as for `add_blocked`; count: how many samples there are
     places  (N, 2) float64, in cells from the lower left corner of the map
+    lump    so many unknown cells are one chance of p_unknown; so is an unknown disc, if smaller
     risk    (N + 1,) float64, output
+    Unknown cells of a piece of way that the disc covers where the piece begins were counted
+    before it; those that a way comes back to later count again.
     """
     n = places.shape[0]
     whole = np.zeros(words.shape[2], np.uint64)
     at = np.empty(words.shape[2], np.uint64)
-    somewhere_unknown = False
+    unknown, before, most = 0.0, 0.0, 0.0
     for i in range(n):
         x, y = places[i, 0], places[i, 1]
         at[:] = np.uint64(0)
-        unknown = add_blocked(words, known, x, y, x, y, radius, at)
-        risk[i] = share_blocked(at, count, unknown, p_unknown)
+        here, disc = add_blocked(words, known, x, y, x, y, radius, at)
+        chances = here / min(lump, max(disc, 1.0))
+        most = max(most, chances)
+        risk[i] = share_blocked(at, count, p_unknown, chances)
         whole |= at
-        if i > 0:
+        if i == 0:
+            unknown = here
+        else:
             x0, y0 = places[i - 1, 0], places[i - 1, 1]
-            unknown |= add_blocked(words, known, x0, y0, x, y, radius, whole)
-        somewhere_unknown |= unknown
-    risk[n] = share_blocked(whole, count, somewhere_unknown, p_unknown)
+            unknown += add_blocked(words, known, x0, y0, x, y, radius, whole)[0] - before
+        before = here
+    risk[n] = share_blocked(whole, count, p_unknown, max(most, unknown / lump))

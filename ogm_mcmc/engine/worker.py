@@ -314,7 +314,7 @@ class RefineWorker:
         samples = self._kept.bits(sampler, refinement.window.spec)
         if samples is not None:
             # Where the mean says nothing their cells are the prior's, one by one: calibrated
-            # worse than as the one chance that all unknown space is to `collision_risk`.
+            # worse than by the area of unknown space, as `collision_risk` takes it.
             samples = samples.known_in(grid_map)
         with self._changed:
             if self._forget:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support.naive_collision import risk_by_cells
 
-from ogm_mcmc.engine.collision import collision_risk
+from ogm_mcmc.engine.collision import LUMP_M2, collision_risk
 from ogm_mcmc.errors import ConfigError, PoseError
 from ogm_mcmc.evaluation import reliability
 from ogm_mcmc.geometry import GridSpec, SampleBits
@@ -79,14 +79,34 @@ def test_calibrated_on_simulated_truth_where_the_product_of_cells_is_not():
     assert error['product'] > 0.1
 
 
-def test_all_that_is_unknown_is_one_chance():
+def test_the_more_is_unknown_the_likelier_it_blocks():
     known = KNOWN.copy()
     known[:, 4:] = False
     samples = bits(CLEAR, DOOR, known=known)
-    risk = collision_risk(samples, [(1.5, 1.5), (5.5, 1.5), (50.0, 1.5)], 0.4, 0.2)
-    # Whatever lies behind, a door that is there blocks the way: 1/2 + 1/2 * 0.2.
-    assert risk == pytest.approx([0.0, 0.2, 0.2, 0.6])
-    assert collision_risk(samples, [(1.5, 0.3)], 0.4, 0.2) == pytest.approx([0.2, 0.2])
+    lump = LUMP_M2  # cells of 1 m2
+
+    def blocked(cells):
+        return pytest.approx(1.0 - 0.8 ** (cells / lump))
+
+    risk = collision_risk(samples, [(1.5, 1.5), (5.5, 1.5), (50.5, 1.5)], 0.4, 0.2)
+    # One cell under the disc; 47 on the way, known ones not counted.
+    assert risk[:3].tolist() == [0.0, blocked(1), blocked(1)]
+    # Whatever lies behind, a door that is there blocks the way.
+    assert risk[3] == pytest.approx(0.5 + 0.5 * (1.0 - 0.8 ** (47 / lump)))
+    assert collision_risk(samples, [(1.5, 0.3)], 0.4, 0.2)[0] == blocked(1)
+    # Standing still adds nothing, and many places along a way count no cell twice.
+    still = collision_risk(samples, [(5.5, 1.5)] * 3, 0.4, 0.2)
+    assert still[-1] == blocked(1)
+    steps = np.column_stack((np.linspace(1.5, 50.5, 491), np.full(491, 1.5)))
+    assert collision_risk(samples, steps, 0.4, 0.2)[-1] == pytest.approx(risk[3])
+
+
+def test_far_outside_of_the_map_is_answered_at_once():
+    samples = bits(CLEAR)
+    risk = collision_risk(samples, [(0.5, 1e12), (0.5, -1e12)], 0.4, 0.2)
+    assert risk[:2] == pytest.approx(1.0 - 0.8 ** (1 / LUMP_M2), abs=0.3)
+    assert risk[2] == pytest.approx(1.0)
+    assert collision_risk(samples, [(0.5, -9.5)], 0.4, 1.0).tolist() == [1.0, 1.0]
 
 
 @pytest.mark.parametrize('seed', range(4))
@@ -101,7 +121,8 @@ def test_slow_twin(seed):
     radius = (0.0, 0.3, 1.1, 2.4)[seed]
     points = places * 0.25 + (spec.origin_x_m, spec.origin_y_m)
     found = collision_risk(SampleBits.of_maps(spec, maps, known), points, radius * 0.25, 0.3)
-    expected = risk_by_cells(maps, known, [tuple(place) for place in places], radius, 0.3)
+    way = [tuple(place) for place in places]
+    expected = risk_by_cells(maps, known, way, radius, 0.3, LUMP_M2 / 0.25**2)
     assert found == pytest.approx(expected, abs=1e-12)
     assert found[-1] >= found[:-1].max()
 

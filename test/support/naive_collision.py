@@ -48,16 +48,29 @@ def met(a, b, radius, shape, around=12):
     return [(j, i) for j in rows for i in columns if _distance(a, b, i, j) <= radius]
 
 
-def risk_by_cells(maps, known, places, radius, p_unknown):
-    """Probability of a collision at each place and on the way; lengths in cells."""
+def risk_by_cells(maps, known, places, radius, p_unknown, lump):
+    """Probability of a collision at each place and on the way; lengths and areas in cells.
 
-    def one(cells):
+    Each `lump` unknown cells are a chance of p_unknown, on a way those that come new with a piece;
+    so is an unknown disc, if that is smaller.
+    """
+
+    def sampled(cells):
         inside = [(j, i) for j, i in cells if 0 <= j < known.shape[0] and 0 <= i < known.shape[1]]
-        sampled = [cell for cell in inside if known[cell]]
-        rest = p_unknown if len(sampled) < len(cells) else 0.0
-        return sum(1.0 if any(m[c] for c in sampled) else rest for m in maps) / len(maps)
+        return [cell for cell in inside if known[cell]]
+
+    def unknown(cells):
+        return len(cells) - len(sampled(cells))
+
+    def one(cells, chances):
+        rest = 1.0 - (1.0 - p_unknown) ** chances
+        here = sampled(cells)
+        return sum(1.0 if any(m[c] for c in here) else rest for m in maps) / len(maps)
 
     points = [met(place, place, radius, known.shape) for place in places]
     pieces = [met(a, b, radius, known.shape) for a, b in pairwise(places)]
     way = sorted({cell for cells in points + pieces for cell in cells})
-    return [one(cells) for cells in (*points, way)]
+    new = [unknown(piece) - unknown(at) for at, piece in zip(points, pieces, strict=False)]
+    chances = [unknown(cells) / min(lump, len(cells)) for cells in points]
+    whole = max(*chances, (unknown(points[0]) + sum(new)) / lump)
+    return [*(one(cells, n) for cells, n in zip(points, chances, strict=True)), one(way, whole)]
