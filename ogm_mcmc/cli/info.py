@@ -82,9 +82,11 @@ def _what_map_takes(bag: BagReader) -> list[str]:
     choice = StreamChoice(sensor='scan' if ros_types.SCAN in kinds else 'range')
     try:
         topics = choose_topics(bag, choice)
-        scans = PlacedScans(bag, topics, choice)
-        mounts = [str(found) for found in scans.sensor_mounts().values() if found.shown]
-        return [*topics.remarks, *mounts]
+        lines = list(topics.remarks)
+        scans = PlacedScans(bag, topics, choice, tell=lines.append)
+        scans.sensor_mounts()
+        scans.learn_codes()
+        return lines
     except OgmError as error:
         return [str(error)]
 

@@ -205,6 +205,7 @@ def stream_choice(
         placing.max_speed,
         placing.max_turn_rate,
         placing.deskew,
+        placing.no_return_code,
         options.trajectory,
         options.trajectory_stamps,
         options.trajectory_frame,

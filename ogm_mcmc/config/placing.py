@@ -84,6 +84,14 @@ class PlacingConfig:
         ' from scan_time too; off: all beams at the stamp of the scan',
         choices=('auto', 'on', 'off'),
     )
+    no_return_code: float = setting(
+        0.0,
+        'readings of a laser from here on hit nothing, whatever its range_max, m; 0: a value that '
+        'stands for it is found from the scans; range_max: none stands for it',
+        low=0.0,
+        high=10000.0,
+        live=True,
+    )
     mount: MountConfig = MountConfig()
 
     def __post_init__(self) -> None:

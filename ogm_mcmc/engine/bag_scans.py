@@ -15,6 +15,7 @@ from ogm_mcmc.engine.mounts import MountFound, Mounts
 from ogm_mcmc.engine.odometry import OdometryAt, odometry_among
 from ogm_mcmc.engine.placing import DROP_REASONS, PoseSource, RobotScan, ScanPlacer, final_belief
 from ogm_mcmc.engine.pose_history import PoseHistory, Unplaceable, Waiting
+from ogm_mcmc.engine.range_codes import RangeCodes
 from ogm_mcmc.engine.recorded_poses import LONGEST, recorded_poses
 from ogm_mcmc.engine.stream_choice import StreamChoice, StreamTopics
 from ogm_mcmc.engine.tf_poses import TfPoses
@@ -54,6 +55,7 @@ class PlacedScans:
     first_fault: str = field(default='', init=False)
     odometry_name: str = field(default='', init=False)
     _mounts: Mounts = field(init=False)
+    _codes: RangeCodes = field(init=False)
     _said: set[str] = field(default_factory=set, init=False)
     _hit: bool = field(default=False, init=False)
     _informed: bool = field(default=False, init=False)
@@ -77,6 +79,7 @@ class PlacedScans:
             patience_s=0.0,
             tell=self._told_of_mount,
         )
+        self._codes = RangeCodes(choice.no_return_code_m, lambda text: self.tell(text))
         self.placer = ScanPlacer(
             source, timeout_s=1.0, max_waiting=1_000_000, mounts=self._mounts, deskew=choice.deskew
         )
@@ -95,6 +98,7 @@ class PlacedScans:
         """Yield placed scans in order of their stamps."""
         for line in self.topics.remarks:
             self.tell(line)
+        self.learn_codes()
         scan_names = {topic.name for topic in self.topics.scans}
         poses = {self.topics.pose_name} - {'tf'} if self.topics.trajectory is None else set()
         for record in self.bag.records(scan_names | poses):
@@ -183,12 +187,22 @@ class PlacedScans:
                 self._mounts.at(frame, stamp_ns, 0.0)
         return self.mounts
 
+    def learn_codes(self) -> None:
+        """Find the readings that stand for "nothing was hit", and tell of them."""
+        some = []
+        for record in self.topics.sampled:
+            with contextlib.suppress(ScanError, BagError):
+                some.append(messages.read_scan(self.bag.decode(record)))
+        self._codes.learn(some)
+
     def _scan(self, record: BagRecord) -> Scan:
         message = self.bag.decode(record)
         if self.choice.sensor == 'range':
             scan = messages.read_range(message)
         else:
-            scan = messages.read_scan(message, lambda text: self._once(f'{record.topic}: {text}'))
+            scan = self._codes.taken(
+                messages.read_scan(message, lambda text: self._once(f'{record.topic}: {text}'))
+            )
         if record.topic in self.topics.unstamped:
             scan = replace(scan, stamp_ns=record.time_ns)
         return scan

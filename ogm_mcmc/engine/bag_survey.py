@@ -23,6 +23,9 @@ __all__ = ['BagSurvey', 'SeenTopic', 'survey', 'topic_namespace', 'transform_top
 # So many transforms at fault are told of.
 MOST_FAULTS = 10
 
+# So many scans of a topic are kept to look at what they measured.
+SAMPLED = 50
+
 
 class SeenTopic(NamedTuple):
     """A topic with headers: `stamps` (N,) ns of its messages in `frame`, its most frequent one.
@@ -30,7 +33,7 @@ class SeenTopic(NamedTuple):
     `frames`: all of them, the most frequent first, `middle_ns` the stamp of one message of each
     from the middle. `child_frame`: of the first message, where
     its type has one, or as the bag notes. `unstamped`: all stamps are 0 in the messages; those
-    here are the times at which they were recorded.
+    here are the times at which they were recorded. `sampled`: some of its scans, from all over.
     """
 
     topic: BagTopic
@@ -39,6 +42,7 @@ class SeenTopic(NamedTuple):
     middle_ns: tuple[int, ...] = ()
     child_frame: str = ''
     unstamped: bool = False
+    sampled: tuple[BagRecord, ...] = ()
 
     @property
     def frame(self) -> str:
@@ -67,6 +71,8 @@ def survey(bag: BagReader, headed: Iterable[BagTopic], tf: Iterable[BagTopic]) -
     recorded: dict[str, dict[str, array[int]]] = {name: {} for name in known}
     stamped: set[str] = set()
     children: dict[str, str] = {}
+    sampled: dict[str, list[BagRecord]] = {name: [] for name in known}
+    met: Counter[str] = Counter()
     transforms = _Transforms()
     for record in bag.records({*known, *tf_names}):
         if record.topic in tf_names:
@@ -75,6 +81,9 @@ def survey(bag: BagReader, headed: Iterable[BagTopic], tf: Iterable[BagTopic]) -
         header = stored_header(record)
         if header is None:
             continue
+        if _is_sample(known[record.topic], met[record.topic]):
+            sampled[record.topic].append(record)
+        met[record.topic] += 1
         stamps[record.topic].setdefault(header.frame, array('q')).append(header.stamp_ns)
         if header.stamp_ns:
             stamped.add(record.topic)
@@ -91,8 +100,14 @@ def survey(bag: BagReader, headed: Iterable[BagTopic], tf: Iterable[BagTopic]) -
         if name not in stamped and sum(map(len, by_frame.values())) > 1:
             again = _seen(known[name], by_frame, children[name])
             seen[name] = again._replace(unstamped=True)
+    seen = {name: one._replace(sampled=tuple(sampled[name])) for name, one in seen.items()}
     unstamped = transforms.finish()
     return BagSurvey(seen, transforms.tree, transforms.faults, unstamped)
+
+
+def _is_sample(topic: BagTopic, k: int) -> bool:
+    every = max(1, topic.n_messages // SAMPLED)
+    return topic.msgtype == ros_types.SCAN and k % every == 0
 
 
 class _Transforms:

@@ -143,6 +143,7 @@ def _with_poses(
         tuple(sensor for one in scans for sensor in zip(one.frames, one.middle_ns, strict=True)),
         frozenset(unstamped),
         bool(moved_by),
+        tuple(record for one in scans for record in one.sampled),
     )
 
 

@@ -12,7 +12,7 @@ from ogm_mcmc.engine.pose_history import PoseLimits
 from ogm_mcmc.engine.transform_tree import TransformTree
 from ogm_mcmc.errors import BagError
 from ogm_mcmc.geometry.motion import MAX_SPEED_M_S, MAX_TURN_RAD_S
-from ogm_mcmc.io.bags import BagTopic
+from ogm_mcmc.io.bags import BagRecord, BagTopic
 from ogm_mcmc.io.trajectory_files import Trajectory
 
 __all__ = ['StreamChoice', 'StreamTopics']
@@ -26,7 +26,7 @@ class StreamChoice:
     separated by commas. `pose_source`: auto or one of `POSE_SOURCES`. With `trajectory` poses are
     those of a file (`trajectory_stamps` beside it where its format keeps none), of
     `trajectory_frame` (empty: the base). `map_frame` and `base_frame` matter to tf. With
-    `beliefs` false covariances are not looked at.
+    `beliefs` false covariances are not looked at. `no_return_code_m`: see `RangeCodes`.
     """
 
     scan_topic: str = ''
@@ -38,6 +38,7 @@ class StreamChoice:
     max_speed_m_s: float = MAX_SPEED_M_S
     max_turn_rad_s: float = MAX_TURN_RAD_S
     deskew: str = 'auto'
+    no_return_code_m: float = 0.0
     trajectory: Path | None = None
     trajectory_stamps: Path | None = None
     trajectory_frame: str = ''
@@ -62,7 +63,8 @@ class StreamTopics(NamedTuple):
     of the file. Poses are those of `base_frame` in `map_frame`. `remarks`: lines for the user.
     `sensors`: frame of each, and a stamp of one of its scans. `unstamped`: topics whose messages
     count by the times they were recorded at, for want of a stamp. `trajectory`: all poses that are
-    used of a file, with `filled_in` also those that odometry tells between them.
+    used of a file, with `filled_in` also those that odometry tells between them. `sampled`: scans
+    from all over the bag.
     """
 
     scans: tuple[BagTopic, ...]
@@ -76,6 +78,7 @@ class StreamTopics(NamedTuple):
     sensors: tuple[tuple[str, int], ...] = ()
     unstamped: frozenset[str] = frozenset()
     filled_in: bool = False
+    sampled: tuple[BagRecord, ...] = ()
 
     @property
     def pose_name(self) -> str:

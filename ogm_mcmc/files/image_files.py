@@ -4,11 +4,15 @@ Eight bits stay as they are; of sixteen the grey is x // 257; colours become
 floor(0.299 R + 0.587 G + 0.114 B + 1/2) at sixteen bits, then x // 257. A pixel is opaque or not:
 one that is transparent in the least counts as transparent. (Found by comparing every value with
 GraphicsMagick 1.3.40, 16 bits, called as `map_io.cpp` of Jazzy does. It misreads a PGM whose
-white is neither 255 nor 65535; here such a file is read as its format defines it.)
+white is neither 255 nor 65535; here such a file is read as its format defines it. Of a PGM whose
+header has lines of DOS, CR LF, it takes the last LF for the first pixel and shows the map shifted
+by one; here the pixels are those that the file holds, where its length leaves no doubt.)
 """
 
 from __future__ import annotations
 
+import io
+import re
 import threading
 import warnings
 import zlib
@@ -29,6 +33,8 @@ MOST_PIXELS = 50_000_000
 FORMATS = ('PNG', 'PPM', 'BMP', 'TIFF', 'GIF', 'JPEG', 'WEBP')
 PNG = b'\x89PNG\r\n\x1a\n'
 BLOCK = 1 << 16
+PGM_OF_DOS = re.compile(rb'P5\s(?:\s|#[^\n]*\n)*(\d{1,9})\s+(\d{1,9})\s+(\d{1,5})\r\n')
+LONGEST_HEADER = 4096
 STRIP = 256  # rows at a time, where colours take many bytes a pixel
 
 _opening = threading.Lock()
@@ -56,7 +62,7 @@ def read_greys(path: Path, error: type[OgmError], most_pixels: int = MOST_PIXELS
         with file_to_read(path) as stream, warnings.catch_warnings():
             warnings.simplefilter('ignore')  # what is wrong is said below, in one line
             _check_png(stream)
-            image = _opened(stream)
+            image = _opened(_without_dos_line(stream, most_pixels))
             width, height = image.size
             if width * height > most_pixels:
                 raise ValueError(f'{width} x {height} pixels: expected at most {most_pixels}')
@@ -92,6 +98,22 @@ def _check_png(stream: BinaryIO) -> None:
             name = kind.decode() if kind.isalpha() else 'without a name'
             raise ValueError(f'chunk {name} fails its checksum')
     stream.seek(0)
+
+
+def _without_dos_line(stream: BinaryIO, most_pixels: int) -> BinaryIO:
+    """Return a PGM without the CR before its pixels; anything else as it is, at its start."""
+    found = PGM_OF_DOS.match(stream.read(LONGEST_HEADER))
+    stream.seek(0)
+    if found is None:
+        return stream
+    width, height, white = map(int, found.groups())
+    length = width * height * (1 if white < 256 else 2)
+    end = stream.seek(0, io.SEEK_END)
+    stream.seek(0)
+    if width * height > most_pixels or end != found.end() + length:
+        return stream
+    stream.seek(found.end())
+    return io.BytesIO(b'P5 %d %d %d\n' % (width, height, white) + stream.read(length))
 
 
 def _opened(stream: object) -> Image.Image:

@@ -8,14 +8,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from ogm_mcmc.arrays import BoolArray, Float64Array, Int64Array
+from ogm_mcmc.geometry import Pose2D
 from ogm_mcmc.io.carmen import LogScan
 
-__all__ = ['Code', 'LaserRange', 'laser_range', 'recognised_codes']
+__all__ = ['Code', 'LaserRange', 'Sweep', 'are_codes', 'laser_range', 'recognised_codes']
 
 DEFAULT_REACH_M = 80.0  # of a SICK LMS
 
@@ -30,6 +31,22 @@ TIMES_THE_OTHERS = 10.0
 HITS_BEYOND = 0.05  # share of the readings of the code
 ALONE = 0.1  # share of the value
 FAR_APART_M = 0.5
+
+
+class Sweep(Protocol):
+    """What is looked at of a scan."""
+
+    @property
+    def ranges_m(self) -> Float64Array:
+        """Ranges (B,), m."""
+
+    @property
+    def increment_rad(self) -> float:
+        """Angle between beams."""
+
+    @property
+    def laser_pose(self) -> Pose2D:
+        """Where its laser was."""
 
 
 class Code(NamedTuple):
@@ -49,7 +66,7 @@ class LaserRange(NamedTuple):
 
     def missing(self, ranges_m: Float64Array) -> BoolArray:
         """Return which readings hit nothing."""
-        return _are_codes(ranges_m, self.codes)
+        return are_codes(ranges_m, self.codes)
 
     @property
     def rule(self) -> str:
@@ -76,13 +93,13 @@ def laser_range(
         codes = _sick_codes(readings)
         # CARMEN's own driver names 81.9 m for every SICK, more than its code for "nothing".
         named = max(scan.max_range_m for scan in scans)
-        if named > 0.0 and not _are_codes(np.array([named]), codes)[0]:
+        if named > 0.0 and not are_codes(np.array([named]), codes)[0]:
             codes.append(Code('named in the log', named, math.inf, named))
-        hits = readings[~_are_codes(readings, codes)]
+        hits = readings[~are_codes(readings, codes)]
         if 0.0 < parameter_m == hits.max(initial=0.0):
             codes.append(Code('named in the log', parameter_m, parameter_m, parameter_m))
         codes.extend(recognised_codes(scans, codes))
-    hits = readings[~_are_codes(readings, codes)]
+    hits = readings[~are_codes(readings, codes)]
     told = [code.reach_m for code in codes if code.reach_m <= FURTHEST_REACH_M]
     reach = min(told, default=DEFAULT_REACH_M)
     return LaserRange(codes, max(reach, float(hits.max(initial=0.0))))
@@ -98,14 +115,15 @@ def _sick_codes(readings: Float64Array) -> list[Code]:
     return []
 
 
-def _are_codes(ranges_m: Float64Array, codes: Sequence[Code]) -> BoolArray:
+def are_codes(ranges_m: Float64Array, codes: Sequence[Code]) -> BoolArray:
+    """Return which readings are any of these codes."""
     missing = np.zeros(ranges_m.shape, bool)
     for code in codes:
         missing |= (ranges_m >= code.low_m) & (ranges_m <= code.high_m)
     return missing
 
 
-def recognised_codes(scans: Sequence[LogScan], known: Sequence[Code] = ()) -> list[Code]:
+def recognised_codes(scans: Sequence[Sweep], known: Sequence[Code] = ()) -> list[Code]:
     """Return the codes that the readings of a laser themselves give away, besides those known.
 
     From the greatest value down, a value is a code when all of this holds; the first that has
@@ -123,18 +141,18 @@ def recognised_codes(scans: Sequence[LogScan], known: Sequence[Code] = ()) -> li
     """
     owner = np.repeat(np.arange(len(scans)), [scan.ranges_m.size for scan in scans])
     readings = np.concatenate([scan.ranges_m for scan in scans])
-    usable = np.isfinite(readings) & (readings > 0.0) & ~_are_codes(readings, known)
+    usable = np.isfinite(readings) & (readings > 0.0) & ~are_codes(readings, known)
     readings, owner = readings[usable], owner[usable]
     values, counts = np.unique(readings, return_counts=True)
     found: list[Code] = []
     # Hits beyond a value: those so near to it that they would be the same code do not count.
-    for k in range(values.size - 1, AT_LEAST - 1, -1):
+    for k in np.flatnonzero(counts >= AT_LEAST)[::-1].tolist():
         value, count = float(values[k]), int(counts[k])
-        coded = _are_codes(values, found)
+        coded = are_codes(values, found)
         beyond = int(counts[(values > value * (1.0 + SAME_CODE)) & ~coded].sum())
         if beyond > HITS_BEYOND * counts[: k + 1].max():
             break
-        if coded[k] or count < AT_LEAST or beyond > HITS_BEYOND * count:
+        if coded[k] or beyond > HITS_BEYOND * count:
             continue
         below = np.flatnonzero(values < value * (1.0 - SAME_CODE))[-NEXT_VALUES:]
         if below.size < AT_LEAST:
@@ -158,7 +176,7 @@ def _step(values: Float64Array) -> float:
     return float(np.quantile(np.diff(values), 0.1))
 
 
-def _is_no_surface(scans: Sequence[LogScan], owner: Int64Array, value: float, step: float) -> bool:
+def _is_no_surface(scans: Sequence[Sweep], owner: Int64Array, value: float, step: float) -> bool:
     """Whether what gave this value in the scans `owner` (one entry a reading) can be no wall."""
     which, beams = np.unique(owner, return_counts=True)
     places = np.array([(scans[k].laser_pose.x_m, scans[k].laser_pose.y_m) for k in which])

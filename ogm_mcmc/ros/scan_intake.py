@@ -18,6 +18,7 @@ from ogm_mcmc.engine.mounts import MountFound, Mounts
 from ogm_mcmc.engine.placing import DROP_REASONS, PoseSource, ScanPlacer
 from ogm_mcmc.engine.pose_history import PoseHistory
 from ogm_mcmc.engine.pose_watch import Corrections, RarePoses
+from ogm_mcmc.engine.range_codes import RangeCodes
 from ogm_mcmc.engine.tf_poses import TfPoses
 from ogm_mcmc.engine.transform_tree import TransformTree
 from ogm_mcmc.errors import GridError, PoseError, ScanError
@@ -99,6 +100,7 @@ class ScanIntake:
         source: PoseSource = self.transforms if from_tf else PoseHistory()
         self.placer = ScanPlacer(source, mounts=self.mounts, on_drop=self.on_drop)
         self.problems = Problems(node, lambda: self.placer.dropped)
+        self.codes = RangeCodes(tell=node.get_logger().info)
         names = (TF_TOPIC, TF_STATIC_TOPIC) if from_tf else (settings.pose_source,)
         topics = [self._topic(name) for name in names]
         self.watch = IntakeHealth(node, [self._topic('range' if sonar else 'scan')], topics)
@@ -159,6 +161,7 @@ class ScanIntake:
         self.placer.timeout_s = self.mounts.patience_s = settings.transform_timeout
         self.placer.max_waiting = settings.max_waiting_scans
         self.placer.deskew = placing.deskew
+        self.codes.chosen_m = placing.no_return_code
         for source in (self.placer.source, self.transforms):
             limit_poses(source, placing)
 
@@ -170,7 +173,10 @@ class ScanIntake:
 
     def on_scan(self, msg: LaserScan) -> None:
         """Queue a scan and pass on whatever can be placed."""
-        self.take_scan(msg, lambda scan: messages.read_scan(scan, self.problems.remark))
+        self.take_scan(msg, self._read_scan)
+
+    def _read_scan(self, msg: LaserScan) -> Scan:
+        return self.codes.taken(messages.read_scan(msg, self.problems.remark))
 
     def on_range(self, msg: Range) -> None:
         """Queue the reading of a sonar; it is placed like a scan."""

@@ -285,3 +285,18 @@ def test_no_particles_in_a_message(place, good):
     records = [*good, ('/particles', STAMPS[2], empty)]
     with pytest.raises(BagError, match=r'/particles at 20\.200 s: particles: expected at least'):
         place(records, StreamChoice(pose_source='particles'))
+
+
+def test_a_code_below_range_max_is_found_before_the_first_scan(place, make_pose, make_scan):
+    """The first scan alone would not have told; the user hears of it in one line."""
+    few = [*np.linspace(1.0, 3.0, 19), 3.499]
+    many = [*np.linspace(1.0, 3.0, 12), *[3.499] * 8]
+    records = []
+    for k, stamp in enumerate(STAMPS):
+        scan = make_scan(stamp, few if k == 0 else many, angle_increment=0.1, range_max=3.5)
+        scan.angle_max = 0.9
+        records += [('/pose', stamp, make_pose(stamp)), ('/scan', stamp, scan)]
+    placed, _ = place(records)
+    assert [np.isinf(one.scan.ranges_m).sum() for one in placed] == [1, 8, 8, 8, 8, 8]
+    kept, _ = place(records, StreamChoice(no_return_code_m=3.5))
+    assert not any(np.isinf(one.scan.ranges_m).any() for one in kept)

@@ -148,3 +148,21 @@ def test_pipes_devices_and_folders(tmp_path):
     os.mkfifo(tmp_path / 'pipe.png')
     assert 'regular file' in refused(tmp_path / 'pipe.png')
     assert 'Is a directory' in refused(tmp_path)
+
+
+@pytest.mark.parametrize('header', [b'P5\r\n32 8\r\n255\r\n', b'P5\r\n# by hand\r\n32  8 255\r\n'])
+def test_lines_of_dos_in_the_header_shift_no_pixel(tmp_path, header):
+    path = tmp_path / 'a.pgm'
+    path.write_bytes(header + ALL.tobytes())
+    assert np.array_equal(read_greys(path, MapFileError).grey, ALL)
+    deep = header.replace(b'255', b'65535') + (ALL.astype('>u2') * 257).tobytes()
+    path.write_bytes(deep)
+    assert np.array_equal(read_greys(path, MapFileError).grey, ALL)
+    assert 'pixels: expected at most 9' in refused(path, most_pixels=9)
+
+
+def test_a_line_feed_that_is_the_first_pixel_stays_one(tmp_path):
+    path = tmp_path / 'a.pgm'
+    pixels = np.full((8, 32), 10, np.uint8)
+    path.write_bytes(b'P5\r\n32 8\r\n255\r' + pixels.tobytes())
+    assert np.array_equal(read_greys(path, MapFileError).grey, pixels)

@@ -8,6 +8,7 @@ pytest.importorskip('rclpy', reason='rclpy is not installed: no ROS tests')
 
 from support.local_ros import pose, scan
 
+from ogm_mcmc.config import PlacingConfig
 from ogm_mcmc.engine import transform_tree
 
 pytestmark = [pytest.mark.ros]
@@ -110,3 +111,20 @@ def test_tf_that_starts_again_is_followed(tf_bench):
             taken.tf(('map', 'base_link', start_s + 0.1 * k, 1.0))
             taken.scan(start_s + 0.1 * k, frame='base_link')
     assert len(taken.used) > 25
+
+
+def test_a_code_below_range_max_is_no_return_and_said_once(bench):
+    taken = bench(placing=PlacingConfig(no_return_code=0.0))
+    taken.intake.on_pose(pose(1.0))
+    taken.intake.on_pose(pose(3.0))
+    ranges = [*(1.0 + 0.1 * k for k in range(12)), *[4.99] * 12]
+    for k in range(3):
+        odd = scan(1.0 + 0.1 * k, ranges)
+        odd.angle_increment, odd.angle_max = 0.1, 2.3
+        taken.intake.on_scan(odd)
+    assert all((one.scan.ranges_m[12:] == math.inf).all() for one in taken.used)
+    (line,) = [line for line in taken.logs.of('info') if 'no return' in line]
+    assert line.startswith('laser: readings of 4.99 m (50% of them)')
+    taken.intake.configure(taken.intake.settings, PlacingConfig(no_return_code=5.0))
+    taken.intake.on_scan(odd)
+    assert taken.intake.codes.taken(taken.used[0].scan).ranges_m[0] == 1.0
