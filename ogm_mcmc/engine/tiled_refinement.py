@@ -14,7 +14,7 @@ from ogm_mcmc.errors import ConfigError, WindowError
 from ogm_mcmc.geometry import PlacedScan
 from ogm_mcmc.sampling import PosteriorModel, RayWindow
 from ogm_mcmc.sampling.tile_gibbs import TileReport, TileSampler
-from ogm_mcmc.sampling.tile_index import arrivals
+from ogm_mcmc.sampling.tile_index import arrivals, batch_of
 from ogm_mcmc.sampling.tiled_model import TiledModel, TilePrior, Tiles
 from ogm_mcmc.sampling.tiles import Tiling, tiling_of
 
@@ -82,12 +82,14 @@ class TiledRefinement(Refinement):
         self._index_spent = True  # the tiles of before are held no longer
         held = self._holders.hold(given, scans, tiling)
         prior = TilePrior(chain.prior_log_odds, chain.order, side, patch.margin, patch.escape)
-        arrive = partial(arrivals, list(scans), given.window, self.model, tiling.spec)
+        batch = batch_of(scans, given.window, self.model)
+        arrive = partial(arrivals, batch, given.window, self.model, tiling.spec)
         self._model = TiledModel(tiling, held.reports, held.tiles, prior, arrive)
         self._size = IndexSize(
             size.rays,
             sum(report.n_pairs for report in held.reports),
             sum(report.n_bytes for report in held.reports),
+            size.rays - self._model.summaries.n_rays,
         )
         return window
 

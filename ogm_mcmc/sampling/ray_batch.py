@@ -12,7 +12,7 @@ from ogm_mcmc.geometry import PlacedScan
 from ogm_mcmc.sampling.beam_rays import BeamRays
 from ogm_mcmc.sampling.ray_merging import Joining, Shared
 
-__all__ = ['Batch', 'in_blocks']
+__all__ = ['Batch', 'Part', 'in_blocks']
 
 # Rays that are filed at a time.
 BLOCK = 8_000
@@ -47,6 +47,17 @@ class _Held(NamedTuple):
         return BeamRays(column, row, x, y, self.ux, self.uy, self.length, reading, reach)
 
 
+class Part(NamedTuple):
+    """Some rays, one after the other from number `first` on; `told`: scans that say more of some.
+
+    Of these, see `Batch.more_of`.
+    """
+
+    first: int
+    rays: BeamRays
+    told: list[int]
+
+
 class Batch:
     """The beams of scans, `n_beams` of them; those that run along together are joined."""
 
@@ -59,9 +70,11 @@ class Batch:
         self._scans, self._cast, self._joining = scans, cast, joining
         self._held: list[_Held] = []
         self._shared: list[Shared | None] = []
+        self._sizes: list[int] = []
         self.n_beams = 0
         for scan in scans:
             rays = cast(scan)
+            self._sizes.append(rays.length.size)
             self.n_beams += rays.length.size
             if self.n_beams <= MOST_HELD:
                 self._held.append(_Held.of(rays))
@@ -69,11 +82,9 @@ class Batch:
 
     def rays(self) -> Iterator[BeamRays]:
         """Yield the new rays of each scan: of its own beams, or lines alone."""
-        for i, shared in enumerate(self._shared):
-            if shared is None:
-                yield self._of(i)
-            elif self._joining is not None and shared.began.size:
-                yield self._joining.lines_alone(shared, self._of(i))
+        for i in range(len(self._shared)):
+            if (rays := self._new_of(i)) is not None:
+                yield rays
 
     def more_said(self) -> Iterator[tuple[BeamRays, AnyArray]]:
         """Yield beams that say more of rays, and the number of the ray of each.
@@ -84,6 +95,51 @@ class Batch:
             if shared is not None and shared.ray.size:
                 yield self._of(i), shared.ray
         self._held.clear()
+
+    def parts(self, size: int) -> Iterator[Part]:
+        """Yield `rays` again, those of some scans at a time: `size`, or more by one scan.
+
+        As often as one likes: for those who never have all rays at once.
+        """
+        own = [self._n_new(i) for i in range(len(self._shared))]
+        cuts, held = [], 0
+        for i, n_new in enumerate(own):
+            held += n_new
+            if held >= size or (held and i + 1 == len(own)):
+                cuts.append(i + 1)
+                held = 0
+        ends = np.cumsum(own)[np.array(cuts, np.int64) - 1]
+        told: list[list[int]] = [[] for _ in cuts]
+        for i, shared in enumerate(self._shared):
+            if shared is not None:
+                for part in np.unique(np.searchsorted(ends, shared.ray, 'right')):
+                    told[part].append(i)
+        begin, first = 0, 0
+        for end, last, scans in zip(cuts, ends, told, strict=True):
+            new = [rays for i in range(begin, end) if (rays := self._new_of(i)) is not None]
+            yield Part(first, _together(new), scans)
+            begin, first = end, int(last)
+
+    def more_of(self, part: Part) -> Iterator[tuple[BeamRays, AnyArray]]:
+        """Yield beams that say more of a part's rays, and the number of the ray of each."""
+        for i in part.told:
+            shared = self._shared[i]
+            assert shared is not None
+            mine = (shared.ray >= part.first) & (shared.ray < part.first + part.rays.length.size)
+            yield BeamRays(*(array[mine] for array in self._of(i))), shared.ray[mine]
+
+    def _n_new(self, i: int) -> int:
+        shared = self._shared[i]
+        return self._sizes[i] if shared is None else int(shared.began.size)
+
+    def _new_of(self, i: int) -> BeamRays | None:
+        """Return the rays that a scan adds, of its own beams or lines alone; None for none."""
+        shared = self._shared[i]
+        if shared is None:
+            return self._of(i)
+        if self._joining is None or not shared.began.size:
+            return None
+        return self._joining.lines_alone(shared, self._of(i))
 
     def _of(self, i: int) -> BeamRays:
         return self._held[i].rays() if i < len(self._held) else self._cast(self._scans[i])
@@ -97,7 +153,11 @@ def in_blocks(parts: Iterable[BeamRays]) -> Iterator[BeamRays]:
         held.append(part)
         size += part.length.size
         if size >= BLOCK:
-            yield BeamRays(*(np.concatenate(arrays) for arrays in zip(*held, strict=True)))
+            yield _together(held)
             held, size = [], 0
     if held:
-        yield BeamRays(*(np.concatenate(arrays) for arrays in zip(*held, strict=True)))
+        yield _together(held)
+
+
+def _together(parts: Sequence[BeamRays]) -> BeamRays:
+    return BeamRays(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))

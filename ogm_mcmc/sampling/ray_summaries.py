@@ -26,6 +26,7 @@ class RaySummaries(NamedTuple):
     visits  of each tile: which of these its own are, (V_t,) int32
     first, last  of each tile: the first and last visit of each of its rays, (n_t,) int32
     groups  tiles that may be drawn at the same time, see `tiles.colours`
+    left_out  nats that log-likelihoods leave out, see `RayIndex`
     """
 
     ray_of: AnyArray
@@ -35,6 +36,7 @@ class RaySummaries(NamedTuple):
     first: list[AnyArray]
     last: list[AnyArray]
     groups: list[list[int]]
+    left_out: float
 
     def outside(self, tile: int, hits: Float32Array) -> Float32Array:
         """Return (n_t,) what lies outside for each ray of a tile, given the hits (V,)."""
@@ -44,7 +46,7 @@ class RaySummaries(NamedTuple):
 
     def log_likelihood(self, hits: Float32Array) -> float:
         """Log p(z | m), nats."""
-        return float(sum_of_hits(self.ray_of, hits, self.unseen))
+        return float(sum_of_hits(self.ray_of, hits, self.unseen)) + self.left_out
 
     @property
     def n_rays(self) -> int:
@@ -81,4 +83,5 @@ def summaries_of(tiling: Tiling, reports: Sequence[TileReport]) -> RaySummaries:
         [own[report.begins[:-1]] for own, report in zip(visits, reports, strict=True)],
         [own[report.begins[1:] - 1] for own, report in zip(visits, reports, strict=True)],
         colours(tiling.tiles, sharing),
+        sum(report.left_out for report in reports),
     )

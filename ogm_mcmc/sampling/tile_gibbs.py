@@ -1,4 +1,14 @@
-"""What the process that holds a tile does: draws its cells given what lies outside."""
+"""What the process that holds a tile does: draws its cells given what lies outside.
+
+Design note: first hits are kept
+--------------------------------
+A job says all that is to be known of a chain, so anybody who holds the tile can do it. But to look
+for the first hits of all rays anew takes as long as to draw (a tenth of the stand-in for Stata, 2
+x 2 tiles: 0.53 s beside 1.22 s in four sweeps). So a tile keeps the map that it drew last for each
+chain, and goes on from there: cells that others changed since then, all in its rim, redirect their
+rays as in a draw, and rays that are no longer stopped before the tile are looked at. The records
+are those of a tile that kept nothing, bit for bit; that is a test.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +25,7 @@ from ogm_mcmc.sampling.cell_gibbs import GibbsState, draw_cells, highest_probabi
 from ogm_mcmc.sampling.patch_gibbs import PatchModel
 from ogm_mcmc.sampling.patch_prior import PatchTable
 from ogm_mcmc.sampling.tile_index import TileRays, tile_rays
-from ogm_mcmc.sampling.tile_kernels import find_hits, look_again
+from ogm_mcmc.sampling.tile_kernels import find_hits, go_on, look_again
 from ogm_mcmc.sampling.tiles import Tiling
 
 __all__ = ['Drawn', 'TileJob', 'TileReport', 'TileSampler']
@@ -32,6 +42,7 @@ class TileJob(NamedTuple):
     mask      bits of the box's cells, empty with patches
     number    log-odds of the prior of cells, or the `escape` of patches
     order     of cells, see `cell_gibbs.ORDERS`
+    chain     a number of the chain, for what is kept of its last job; `chains`: of all there are
     """
 
     cells: UInt8Array
@@ -41,6 +52,8 @@ class TileJob(NamedTuple):
     mask: UInt8Array
     number: float
     order: str = 'fixed'
+    chain: int = 0
+    chains: tuple[int, ...] = (0,)
 
 
 class Drawn(NamedTuple):
@@ -58,6 +71,7 @@ class TileReport(NamedTuple):
     touched, told, lifted  bits of the box's cells: a ray crosses them; tells something of them;
                            can make them more likely to be occupied
     n_pairs, n_bytes       of its index
+    left_out               as in `RayIndex`, of beams from within the tile's core
     """
 
     numbers: AnyArray
@@ -70,6 +84,7 @@ class TileReport(NamedTuple):
     lifted: UInt8Array
     n_pairs: int
     n_bytes: int
+    left_out: float
 
 
 class TileSampler:
@@ -100,6 +115,7 @@ class TileSampler:
             )
         self._ceilings: dict[float, Float32Array] = {}
         self._every = np.arange(self.rays.local.n_rays)
+        self._kept: dict[int, GibbsState] = {}  # by chain, as its last job left it
         self._lock = threading.Lock()
 
     def report(self) -> TileReport:
@@ -117,14 +133,15 @@ class TileSampler:
             np.packbits(index.gains() > 0.0),
             index.n_pairs,
             index.n_bytes,
+            float(index.left_out[0]),
         )
 
     def draw(self, job: TileJob) -> Drawn:
         """Do a job; the same for the same job, whatever was done before."""
         index = self.rays.local
         with self._lock:
-            cells = np.unpackbits(job.cells, count=index.n_cells)
-            state = GibbsState(cells, self.first_hits(cells, job.behind))
+            state = self._given(job)
+            cells = state.cells
             rng = np.random.default_rng(job.seed)
             if job.corners is None:
                 flips = self._draw_cells(rng, job, state)
@@ -134,6 +151,26 @@ class TileSampler:
             hits = np.empty(self.rays.along.size, np.float32)
             find_hits(self.rays.begins, self.rays.entered, cells, index, state.records, hits)
         return Drawn(np.packbits(cells), hits, flips)
+
+    def _given(self, job: TileJob) -> GibbsState:
+        """Return the state that a job begins with; what is kept of its chain becomes that."""
+        cells = np.unpackbits(job.cells, count=self.rays.local.n_cells)
+        self._kept = {chain: of for chain, of in self._kept.items() if chain in job.chains}
+        state = self._kept.get(job.chain)
+        if state is None:
+            state = GibbsState(cells, self.first_hits(cells, job.behind))
+        else:
+            self._go_on(state, cells, job.behind)
+        self._kept[job.chain] = state
+        return state
+
+    def _go_on(self, state: GibbsState, cells: UInt8Array, behind: Float32Array) -> None:
+        """Make a state that of other cells (K,) and of what lies outside now."""
+        local, again = self.rays.local, np.empty(self.rays.local.n_rays, np.int64)
+        changed = np.flatnonzero(state.cells != cells).astype(np.int32)
+        bits = state.records.view(np.float32)
+        count = go_on(behind, changed, state.cells, again, state.records, bits, *local.arrays())
+        look_again(again[:count], behind, state.cells, local, state.records)
 
     def first_hits(self, cells: UInt8Array, behind: Float32Array) -> AnyArray:
         """Return records (n, 2) int32 of the box's cells, given what lies outside."""

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
-from ogm_mcmc.arrays import AnyArray, BoolArray, Float32Array
+from ogm_mcmc.arrays import AnyArray, BoolArray, Float32Array, Float64Array
 from ogm_mcmc.config import ForwardModelConfig, WindowConfig
 from ogm_mcmc.errors import WindowError
 from ogm_mcmc.geometry import CellBox, GridSpec, PlacedScan
 from ogm_mcmc.sampling.beam_rays import BeamRays, rays_of_scan
 from ogm_mcmc.sampling.informed_kernels import mark_arrivals
+from ogm_mcmc.sampling.ray_batch import Batch, Part
 from ogm_mcmc.sampling.ray_filing import assembled, extended
 from ogm_mcmc.sampling.ray_filing_kernels import lay_rays
 from ogm_mcmc.sampling.ray_index import RayIndex
@@ -25,12 +27,14 @@ from ogm_mcmc.sampling.ray_line_kernels import (
     UNSEEN,
     UPWARDS,
 )
+from ogm_mcmc.sampling.ray_merging import Joining
+from ogm_mcmc.sampling.ray_stands import Stands, settled
 from ogm_mcmc.sampling.ray_window import RayWindow
 from ogm_mcmc.sampling.tile_kernels import cut_rays
 from ogm_mcmc.sampling.tiles import Tiling
 from ogm_mcmc.sensors.forward_model import ForwardModel
 
-__all__ = ['TileRays', 'arrivals', 'tile_rays']
+__all__ = ['TileRays', 'arrivals', 'batch_of', 'tile_rays']
 
 # Rays that are indexed at a time, on their way to what is kept of them.
 BLOCK = 20_000
@@ -108,24 +112,41 @@ def tile_rays(
 
     box, parts, held = tiling.tiles[tile].box, [], 0
     forward = ForwardModel.from_config(model)
+    batch = batch_of(scans, config, model)
     nothing = RayWindow(config, model).index
-    for first, beams in _beams(scans, config, forward):
-        crossing = _may_cross(beams, box)
+    for part in batch.parts(BLOCK):
+        crossing = _may_cross(part.rays, box)
         if not crossing.any():
             continue
-        chosen = BeamRays(*(array[crossing] for array in beams))
-        numbers = first + np.flatnonzero(crossing)
-        part = _part(_indexed(nothing, chosen, config, forward), numbers, tiling, tile)
-        parts.append(part)
-        held += sum(int(array.nbytes) for array in part)
+        chosen = BeamRays(*(array[crossing] for array in part.rays))
+        said = partial(_said, batch, part, crossing, tiling.tiles[tile].core, nothing.left_out)
+        indexed = _indexed(nothing, chosen, said, config, forward)
+        parts.append(_part(indexed, part.first + np.flatnonzero(crossing), tiling, tile))
+        held += sum(int(array.nbytes) for array in parts[-1])
         check(held)
     rays = _joined(nothing, parts, tiling.spec.windowed(box))
     check(rays.n_bytes)
     return rays
 
 
+def batch_of(
+    scans: Sequence[PlacedScan], config: WindowConfig, model: ForwardModelConfig
+) -> Batch:
+    """Return the rays of scans as a window has them that merges beams which run along together.
+
+    Raises GridError for a ray that is too long.
+    """
+    forward = ForwardModel.from_config(model)
+
+    def cast(placed: PlacedScan) -> BeamRays:
+        return rays_of_scan(placed, config, forward.sigma_m)
+
+    taken, _ = settled(scans, Stands(), config)
+    return Batch(taken, cast, Joining({}, 0, taken, cast, forward, config.resolution))
+
+
 def arrivals(
-    scans: Sequence[PlacedScan],
+    batch: Batch,
     config: WindowConfig,
     model: ForwardModelConfig,
     spec: GridSpec,
@@ -137,7 +158,7 @@ def arrivals(
     found = np.zeros(spec.width * spec.height, np.float32)
     scratch = np.zeros(found.size, np.int32)
     forward = ForwardModel.from_config(model)
-    for first, beams in _beams(scans, config, forward):
+    for first, beams, _ in batch.parts(BLOCK):
         here = beams._replace(column=beams.column - spec.column0, row=beams.row - spec.row0)
         rays = np.empty((here.length.size, RAY_WORDS), np.int64)
         lay_rays(here, forward, spec.resolution_m, spec.width, rays, scratch)
@@ -146,17 +167,24 @@ def arrivals(
     return found
 
 
-def _beams(
-    scans: Sequence[PlacedScan], config: WindowConfig, model: ForwardModel
-) -> Iterator[tuple[int, BeamRays]]:
-    """Yield the rays of the window, a block at a time, and the number of the first one."""
-    first, held, parts = 0, 0, []
-    for i, scan in enumerate(scans):
-        parts.append(rays_of_scan(scan, config, model.sigma_m))
-        held += parts[-1].length.size
-        if held >= BLOCK or (i + 1 == len(scans) and held):
-            yield first, BeamRays(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
-            first, held, parts = first + held, 0, []
+def _said(
+    batch: Batch, part: Part, chosen: BoolArray, core: CellBox, left_out: Float64Array
+) -> Iterator[tuple[BeamRays, AnyArray]]:
+    """Yield beams that say more of the `chosen` rays (n,) of a part, and the ray of each.
+
+    What their log-likelihoods leave out (see `RayIndex`) stays in `left_out` where they come from
+    within `core`: no two tiles count it.
+    """
+    number = np.cumsum(chosen) - 1
+    for beams, rays in batch.more_of(part):
+        mine = chosen[rays - part.first]
+        if not mine.any():
+            continue
+        before = left_out[0]
+        yield BeamRays(*(array[mine] for array in beams)), number[rays[mine] - part.first]
+        column, row = beams.column[0], beams.row[0]
+        if not (core.column0 <= column < core.column1 and core.row0 <= row < core.row1):
+            left_out[0] = before
 
 
 def _ends(beams: BeamRays) -> tuple[AnyArray, AnyArray]:
@@ -179,9 +207,13 @@ def _may_cross(beams: BeamRays, box: CellBox) -> BoolArray:
 
 
 def _indexed(
-    nothing: RayIndex, beams: BeamRays, config: WindowConfig, model: ForwardModel
+    nothing: RayIndex,
+    beams: BeamRays,
+    said: Callable[[], Iterator[tuple[BeamRays, AnyArray]]],
+    config: WindowConfig,
+    model: ForwardModel,
 ) -> tuple[RayIndex, GridSpec]:
-    """Return the index of a few whole rays in a window of their own."""
+    """Return the index of a few whole rays, with all that is `said` of them, in its own window."""
     column, row = _ends(beams)
     box = CellBox(
         int(min(beams.column.min(), column.min())) - 1,
@@ -191,8 +223,13 @@ def _indexed(
     )
     one = GridSpec(config.resolution, 1, 1)
     spec = one.windowed(box)
-    here = beams._replace(column=beams.column - spec.column0, row=beams.row - spec.row0)
-    return extended(nothing, one, spec, lambda: iter([here]), here.length.size, model), spec
+
+    def here(rays: BeamRays) -> BeamRays:
+        return rays._replace(column=rays.column - spec.column0, row=rays.row - spec.row0)
+
+    new, n = here(beams), beams.length.size
+    more = lambda: ((here(rays), numbers) for rays, numbers in said())  # noqa: E731
+    return extended(nothing, one, spec, lambda: iter([new]), n, model, more), spec
 
 
 def _part(

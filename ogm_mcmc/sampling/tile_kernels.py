@@ -12,6 +12,7 @@ import numpy as np
 from numba import njit
 
 from ogm_mcmc.geometry.traversal_kernels import SHIFT
+from ogm_mcmc.sampling.gibbs_kernels import redirect_rays
 from ogm_mcmc.sampling.ray_index_kernels import NOTHING, WIDTH, likelihood_there
 from ogm_mcmc.sampling.ray_line_kernels import (
     BORDER,
@@ -122,6 +123,39 @@ def look_again(numbers, behind, cells, index, records):
             )
         records[ray, 0] = place if cell >= 0 else NOTHING
         bits[ray, 1] = value
+
+
+@njit(cache=True, nogil=True)
+def go_on(
+    behind, changed, cells, again, records, bits, marks, lists, full, gain, near, near_bits,
+    front, tiles, runs, run_lengths, rays, ray_bits, grid,
+):  # fmt: skip
+    """Make first hits those of a map in which some cells changed, and of what lies outside now.
+
+    changed  (C,) int32: cells that are another thing now; `cells` and `records` as they were, both
+             in and out. Rays that are no longer stopped before the tile are left as they are:
+             fills `again` (n,) int64 with their numbers, returns how many; see `look_again`
+    """
+    count = 0
+    for ray in range(behind.size):
+        value, first = behind[ray], records[ray, 0]
+        if np.isnan(value):
+            records[ray, 0], bits[ray, 1] = STOPPED, 0.0
+            continue
+        ray_bits[ray, UNSEEN] = value
+        if first == STOPPED:
+            again[count] = ray
+            count += 1
+        elif first == NOTHING:
+            bits[ray, 1] = value
+    for j in range(changed.size):
+        cell = np.int64(changed[j])
+        cells[cell] = 1 - cells[cell]
+        redirect_rays(
+            cell, cells, records, bits, marks, lists, full, near, near_bits, front, tiles, runs,
+            run_lengths, rays, ray_bits, grid,
+        )  # fmt: skip
+    return count
 
 
 @njit(cache=True, nogil=True)

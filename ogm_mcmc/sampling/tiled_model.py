@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import threading
+import weakref
 from collections.abc import Callable, Sequence
 from typing import NamedTuple, Protocol
 
@@ -71,6 +73,7 @@ class TiledModel:
     ) -> None:
         self.tiling, self._tiles, self._prior, self._arrivals = tiling, tiles, prior, arrivals
         self.summaries = summaries_of(tiling, reports)
+        self._chains = _Chains()
         touched = self._put_together([report.touched for report in reports])
         self.touched: AnyArray = np.flatnonzero(touched).astype(np.int32)
         self._places: PatchPlaces | None = None
@@ -203,7 +206,8 @@ class TiledModel:
         place = self.tiling.spec.slices(self.tiling.tiles[tile].box)
         cells = np.packbits(state.cells.reshape(self._shape)[place])
         behind = self.summaries.outside(tile, state.records)
-        return TileJob(cells, behind, seed, corners, mask, number, order)
+        chain, chains = self._chains.number_of(state)
+        return TileJob(cells, behind, seed, corners, mask, number, order, chain, chains)
 
     def _look(self, state: GibbsState, tile: int) -> TileJob:
         """Return a job that draws nothing: what is hit where."""
@@ -249,3 +253,24 @@ class TiledModel:
     @property
     def _shape(self) -> tuple[int, int]:
         return self.tiling.spec.height, self.tiling.spec.width
+
+
+class _Chains:
+    """Numbers of states, as long as anybody has them."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._known: dict[int, weakref.ref[AnyArray]] = {}
+        self._next = 0
+
+    def number_of(self, state: GibbsState) -> tuple[int, tuple[int, ...]]:
+        """Return the number of a state, and those of all states that there are."""
+        with self._lock:
+            alive = {number: ref for number, ref in self._known.items() if ref() is not None}
+            mine = [number for number, ref in alive.items() if ref() is state.records]
+            if not mine:
+                alive[self._next] = weakref.ref(state.records)
+                mine = [self._next]
+                self._next += 1
+            self._known = alive
+            return mine[0], tuple(alive)

@@ -1,16 +1,15 @@
 """Tiles of a map: what each holds, that it draws as the whole does, that the posterior stays."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from support import naive_patch_sampler as naive
 from support.conditionals import conditional_log_odds
-from support.local_tiles import tiled
+from support.local_tiles import MODEL, PRIOR, WINDOW, inside, room, some_map, tiled
 from support.strategies import fan
 
-from ogm_mcmc.config import ForwardModelConfig, WindowConfig
+from ogm_mcmc.config import WindowConfig
 from ogm_mcmc.engine.prior_files import default_prior_file, load_prior
 from ogm_mcmc.errors import GridError, WindowError
 from ogm_mcmc.geometry import CellBox, GridSpec, PlacedScan, Pose2D
@@ -19,25 +18,7 @@ from ogm_mcmc.sampling import CellModel, PosteriorSampler, RayWindow
 from ogm_mcmc.sampling.cell_gibbs import draw_cells
 from ogm_mcmc.sampling.patch_gibbs import PatchModel
 from ogm_mcmc.sampling.patch_prior import make_table
-from ogm_mcmc.sampling.tile_index import tile_rays
 from ogm_mcmc.sampling.tiles import MapTile, colours, tiling_of
-
-MODEL = ForwardModelConfig(sigma=0.6, clutter=0.1, missing=0.1)
-WINDOW = WindowConfig(resolution=1.0, cut_sigma=6.0)
-PRIOR = math.log(0.3 / 0.7)
-
-
-def room(n_scans=6, n_beams=24, seed=4):
-    """Scans from places of a room of 11 x 9 cells, in all directions, some without return."""
-    rng = np.random.default_rng(seed)
-    placed = []
-    for _ in range(n_scans):
-        ranges = rng.uniform(0.5, 5.0, n_beams)
-        ranges[rng.random(n_beams) < 0.1] = math.inf
-        scan = fan(*ranges, bearing=-3.0, increment=6.24 / n_beams, range_max_m=6.0)
-        pose = Pose2D(*rng.uniform(4.0, 7.0, 2), rng.uniform(-3.0, 3.0))
-        placed.append(PlacedScan.at(scan, pose))
-    return placed
 
 
 @pytest.fixture(scope='module')
@@ -52,50 +33,9 @@ def window(scans):
     return window
 
 
-def some_map(n, seed=0, share=0.15):
-    return (np.random.default_rng(seed).random(n) < share).astype(np.uint8)
-
-
 @pytest.fixture(scope='module')
 def buildings():
     return make_table('border', 9, load_prior(default_prior_file(), 0.05).counts)
-
-
-def inside(spec, cells, box):
-    """Which cells of the window lie in a box, and their numbers there."""
-    row, column = np.divmod(cells, spec.width)
-    row, column = row + spec.row0 - box.row0, column + spec.column0 - box.column0
-    width, height = box.column1 - box.column0, box.row1 - box.row0
-    within = (row >= 0) & (row < height) & (column >= 0) & (column < width)
-    return within, row * width + column
-
-
-@pytest.mark.parametrize('side', [0, 3])
-def test_a_tile_holds_what_the_whole_has_inside(scans, window, side):
-    tiling = tiling_of(window.spec, 3, 2, side)
-    _, tiles = tiled(scans, WINDOW, MODEL, tiling, None)
-    whole, seen = window.index, set()
-    for tile, sampler in zip(tiling.tiles, tiles.samplers, strict=True):
-        rays = sampler.rays
-        seen.update(rays.numbers.tolist())
-        for mine, number in enumerate(rays.numbers):
-            cells, values, unseen = whole.ray(int(number))
-            within, there = inside(window.spec, cells, tile.box)
-            found = rays.local.ray(mine)
-            assert np.array_equal(found[0], there[within])
-            assert np.array_equal(found[1], values[within])
-            assert found[2] == unseen == rays.unseen[mine]
-        crossing = [
-            n
-            for n in range(whole.n_rays)
-            if inside(window.spec, whole.ray(n)[0], tile.box)[0].any()
-        ]
-        assert rays.numbers.tolist() == crossing
-        rows, columns = window.spec.slices(tile.box)
-        gains = whole.gains().reshape(window.spec.height, -1)[rows, columns].reshape(-1)
-        assert (rays.local.gains() >= gains * (1.0 - 1e-6)).all()
-        assert rays.local.gains() == pytest.approx(gains, rel=1e-4, abs=1e-6)
-    assert len(seen) == whole.n_rays
 
 
 def place_in_boxes(spec, tile, cells):
@@ -327,24 +267,3 @@ def test_tiles_that_cannot_be(scans, window):
     few = WindowConfig(resolution=1.0, max_memory_mb=1.0)
     with pytest.raises(WindowError, match='tile 1 of 2 needs more than max_memory_mb'):
         tiled(room(n_scans=2, n_beams=9000), few, MODEL, tiling, None)
-
-
-def test_the_limit_of_memory_is_of_what_a_tile_holds(window):
-    many, tiling = room(n_scans=2, n_beams=12_000), tiling_of(window.spec, 2, 1, 0)
-    n_bytes = tile_rays(many, WINDOW, MODEL, tiling, 1).n_bytes
-    enough = replace(WINDOW, max_memory_mb=(n_bytes + 1) / 1e6)
-    assert tile_rays(many, enough, MODEL, tiling, 1).n_bytes == n_bytes
-    with pytest.raises(WindowError, match='tile 2 of 2 needs more than max_memory_mb'):
-        tile_rays(many, replace(WINDOW, max_memory_mb=(n_bytes - 1) / 1e6), MODEL, tiling, 1)
-
-
-def test_arrivals_are_those_of_the_whole(scans, window):
-    tiling = tiling_of(window.spec, 2, 2, 0)
-    model, _ = tiled(scans, WINDOW, MODEL, tiling, None)
-    whole = CellModel(window.index, PRIOR, window.spec.width)
-    rng = np.random.default_rng(3)
-    probability = np.where(rng.random(whole.n_cells) < 0.1, 0.7, 0.05).astype(np.float32)
-    for least in (0.0, 0.5):
-        expected = whole.arrival(probability, least)
-        assert np.array_equal(model.arrival(probability, least), expected)
-    assert 0.0 < expected.max() <= 1.0

@@ -1,13 +1,23 @@
 """Tiles in this process, one after the other: what a cluster does, without one."""
 
+import math
 from concurrent.futures import Future
 
-from ogm_mcmc.engine.tiled_refinement import Held, tile_sampler
-from ogm_mcmc.sampling.tile_gibbs import TileSampler
-from ogm_mcmc.sampling.tile_index import arrivals
-from ogm_mcmc.sampling.tiled_model import TiledModel, TilePrior
+import numpy as np
 
-__all__ = ['LocalHolders', 'LocalTiles', 'tiled']
+from ogm_mcmc.config import ForwardModelConfig, WindowConfig
+from ogm_mcmc.engine.tiled_refinement import Held, tile_sampler
+from ogm_mcmc.geometry import PlacedScan, Pose2D
+from ogm_mcmc.sampling.tile_gibbs import TileSampler
+from ogm_mcmc.sampling.tile_index import arrivals, batch_of
+from ogm_mcmc.sampling.tiled_model import TiledModel, TilePrior
+from support.strategies import fan
+
+__all__ = ['LocalHolders', 'LocalTiles', 'inside', 'room', 'some_map', 'tiled']
+
+MODEL = ForwardModelConfig(sigma=0.6, clutter=0.1, missing=0.1)
+WINDOW = WindowConfig(resolution=1.0, cut_sigma=6.0)
+PRIOR = math.log(0.3 / 0.7)
 
 
 class LocalTiles:
@@ -44,8 +54,36 @@ def tiled(scans, window, model, tiling, table=None, **prior):
     tiles = LocalTiles(samplers)
     side = 0 if table is None else table.side
 
+    batch = batch_of(scans, window, model)
+
     def arrive(telling, probability, least):
-        return arrivals(scans, window, model, tiling.spec, telling, probability, least)
+        return arrivals(batch, window, model, tiling.spec, telling, probability, least)
 
     reports = [sampler.report() for sampler in samplers]
     return TiledModel(tiling, reports, tiles, TilePrior(side=side, **prior), arrive), tiles
+
+
+def room(n_scans=6, n_beams=24, seed=4):
+    """Scans from places of a room of 11 x 9 cells, in all directions, some without return."""
+    rng = np.random.default_rng(seed)
+    placed = []
+    for _ in range(n_scans):
+        ranges = rng.uniform(0.5, 5.0, n_beams)
+        ranges[rng.random(n_beams) < 0.1] = math.inf
+        scan = fan(*ranges, bearing=-3.0, increment=6.24 / n_beams, range_max_m=6.0)
+        pose = Pose2D(*rng.uniform(4.0, 7.0, 2), rng.uniform(-3.0, 3.0))
+        placed.append(PlacedScan.at(scan, pose))
+    return placed
+
+
+def some_map(n, seed=0, share=0.15):
+    return (np.random.default_rng(seed).random(n) < share).astype(np.uint8)
+
+
+def inside(spec, cells, box):
+    """Which cells of the window lie in a box, and their numbers there."""
+    row, column = np.divmod(cells, spec.width)
+    row, column = row + spec.row0 - box.row0, column + spec.column0 - box.column0
+    width, height = box.column1 - box.column0, box.row1 - box.row0
+    within = (row >= 0) & (row < height) & (column >= 0) & (column < width)
+    return within, row * width + column

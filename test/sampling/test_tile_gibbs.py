@@ -1,0 +1,32 @@
+"""Draws of a tile: what is kept between them changes nothing."""
+
+import numpy as np
+from support.local_tiles import MODEL, PRIOR, WINDOW, room, some_map, tiled
+
+from ogm_mcmc.sampling import RayWindow
+from ogm_mcmc.sampling.tiles import tiling_of
+
+
+def test_what_a_tile_keeps_of_a_chain_changes_no_draw():
+    """Two chains in turn, one of them copied: as by tiles that look at everything every time."""
+    scans, window = room(), RayWindow(WINDOW, MODEL, margin=5)
+    window.add(scans)
+    tiling = tiling_of(window.spec, 2, 2, 0)
+    model, tiles = tiled(scans, WINDOW, MODEL, tiling, None, log_odds=PRIOR)
+    fresh, others = tiled(scans, WINDOW, MODEL, tiling, None, log_odds=PRIOR)
+    states = [model.start(some_map(model.n_cells, seed, 0.3)) for seed in range(2)]
+    again = [fresh.start(state.cells) for state in states]
+    flips = 0
+    for turn in range(8):
+        for number in (0, 1):
+            if turn == 4:
+                states[number] = states[number].copy()
+            flips += model.advance(np.random.default_rng(turn), states[number])
+            for sampler in others.samplers:
+                sampler._kept.clear()
+            fresh.advance(np.random.default_rng(turn), again[number])
+            assert np.array_equal(states[number].cells, again[number].cells)
+            assert np.array_equal(states[number].records, again[number].records, equal_nan=True)
+    assert flips > 100
+    # No more is kept than there are chains.
+    assert all(len(sampler._kept) == 2 for sampler in tiles.samplers)
