@@ -9,16 +9,20 @@ import pytest
 pytest.importorskip('rclpy', reason='rclpy is not installed: no ROS tests')
 
 from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped
+from rclpy.node import Node
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import LaserScan
 from support.local_ros import local_node
 from support.ros import NodeProcess, Observer
 from support.transforms import transform
 
+from ogm_mcmc.config.nodes import ReplayConfig
 from ogm_mcmc.geometry import Pose2D
 from ogm_mcmc.io import messages
+from ogm_mcmc.io.bags import BagReader
 from ogm_mcmc.io.ros_types import odometry
 from ogm_mcmc.io.tf_messages import read_transform
+from ogm_mcmc.ros.computed_poses import computed_poses
 from ogm_mcmc.ros.replay import Replay
 
 pytestmark = [pytest.mark.ros]
@@ -64,6 +68,23 @@ def test_poses_of_tf_are_computed_where_tf_cannot_be_sent(write_bag, records):
     assert {pose.header.frame_id for pose in poses} == {'map'}
     assert "mount.frames:='laser 0.2 0 1.5 upside_down'" in output
     assert 'pose_source:=pose map_frame:=map' in output
+
+
+@pytest.mark.parametrize(('stamped', 'computed'), [(True, False), (False, True)])
+def test_poses_of_tf_without_stamps_are_computed_even_where_tf_is_sent(
+    write_bag, records, stamped, computed
+):
+    """Nodes see no times of recording, by which `map` goes."""
+    for name, _, message in () if stamped else records:
+        if name == '/tf':
+            stamp = message.transforms[0].header.stamp
+            stamp.sec = stamp.nanosec = 0
+    with BagReader(write_bag(records)) as bag, local_node(partial(Node, 'player')) as node:
+        poses = computed_poses(node, bag, ReplayConfig(), tf_is_sent=True)
+        assert (poses is not None) == computed
+        if poses is not None:
+            sent = [poses.before(record) for record in bag.records(('/scan',))]
+            assert sent == [['pose']] * 5 + [[]]
 
 
 def place(pose):
