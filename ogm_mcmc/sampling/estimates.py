@@ -121,10 +121,8 @@ def with_one_more_draw(mean: GridMap, guess: GridMap, draws: int) -> GridMap:
     beams: ROC area 0.982 without, 0.996 with the live map as guess (which has 0.994 by itself);
     F1, Brier score and calibration error are the same to three digits.
     """
-    p = mean.probability
     bounded = np.clip(guess.probability, SURELY_FREE, SURELY_OCCUPIED)
-    moved = (draws * p + bounded) / (draws + 1)
-    return GridMap(mean.spec, np.where(np.isnan(bounded), p, moved).astype(np.float32))
+    return with_share_of(mean, GridMap(mean.spec, bounded), 1.0 / (draws + 1))
 
 
 def with_share_of(mean: GridMap, other: GridMap, share: float) -> GridMap:
