@@ -51,7 +51,7 @@ def test_what_spreads_is_what_goes_through_run_all():
         (['counting', '--seed', '-1'], 'seed is -1'),
         (
             ['gibbs-1d', '--scheduler', 'tcp://127.0.0.1:9'],
-            'gibbs-1d has nothing to spread; expected one of exploration, gibbs-2d, joint-sim, ',
+            'gibbs-1d has nothing to spread; expected one of collisions, exploration, gibbs-2d, ',
         ),
         (['counting', '-o', 'notes.txt'], 'expected a writable folder'),
         (['patch-intel'], 'intel.gfs.log: no such file'),

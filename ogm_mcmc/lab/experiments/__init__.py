@@ -27,6 +27,7 @@ from typing import Any, Protocol
 
 from ogm_mcmc.lab.experiments import (
     adaptive,
+    collisions,
     counting,
     exploration,
     gibbs_1d,
@@ -60,6 +61,7 @@ class Run(Protocol):
 
 EXPERIMENTS: dict[str, Run] = {
     'adaptive': adaptive.run,
+    'collisions': collisions.run,
     'counting': counting.run,
     'exploration': exploration.run,
     'gibbs-1d': gibbs_1d.run,
@@ -81,6 +83,7 @@ EXPERIMENTS: dict[str, Run] = {
 
 # Those whose work goes through `run_all`. The others take seconds, or time what they do.
 SPREAD = (
+    'collisions',
     'exploration',
     'gibbs-2d',
     'joint-sim',

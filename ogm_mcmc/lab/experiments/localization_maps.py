@@ -58,11 +58,12 @@ READERS = (FIELD, CAST, PRODUCT, THREE, LIVE, MEAN_FIELD, MEAN, SAMPLES, SCANS)
 
 
 class Maps(NamedTuple):
-    """The traditional map, posterior mean and samples of the same beams."""
+    """The traditional map, posterior mean and samples of the same beams; `prior` of a cell."""
 
     live: GridMap
     mean: GridMap
     bits: SampleBits
+    prior: float
 
 
 def some_beams(
@@ -99,7 +100,7 @@ def maps_of(placed: Sequence[PlacedScan], resolution_m: float, seed: int) -> Map
         raise WindowError('no map sample was kept: expected chains that sweep')
     live = map_of(placed, MapperConfig(resolution=resolution_m))
     mean = refinement.known_map()
-    return Maps(live, mean, bits.known_in(mean))
+    return Maps(live, mean, bits.known_in(mean), refinement.prior)
 
 
 def readers_of(maps: Maps) -> dict[str, tuple[ScanFit, float]]:
