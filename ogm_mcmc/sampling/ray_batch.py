@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +17,7 @@ from ogm_mcmc.sampling.ray_merging import Joining, Shared
 __all__ = ['Batch', 'Part', 'in_blocks']
 
 # Rays that are filed at a time.
-BLOCK = 8_000
+BLOCK = 2_000
 
 # Rays that are cast once and held while they are filed, 28 bytes each; others are cast again.
 MOST_HELD = 200_000
@@ -80,9 +82,14 @@ class Batch:
                 self._held.append(_Held.of(rays))
             self._shared.append(None if joining is None else joining.take(scan, rays))
 
-    def rays(self) -> Iterator[BeamRays]:
-        """Yield the new rays of each scan: of its own beams, or lines alone."""
-        for i in range(len(self._shared)):
+    def shares(self, count: int) -> list[Callable[[], Iterator[BeamRays]]]:
+        """Return what yields the rays of so many shares of the scans, in turn."""
+        ends = [len(self._scans) * share // count for share in range(count + 1)]
+        return [partial(self.rays, *scans) for scans in pairwise(ends)]
+
+    def rays(self, begin: int = 0, end: int | None = None) -> Iterator[BeamRays]:
+        """Yield the new rays of each scan, or some: of its own beams, or lines alone."""
+        for i in range(len(self._shared))[begin:end]:
             if (rays := self._new_of(i)) is not None:
                 yield rays
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
@@ -10,19 +10,14 @@ from ogm_mcmc.arrays import AnyArray, BoolArray
 from ogm_mcmc.errors import WindowError
 from ogm_mcmc.geometry import GridSpec
 from ogm_mcmc.sampling.beam_rays import BeamRays
-from ogm_mcmc.sampling.ray_filing_kernels import (
-    file_near,
-    fill_fronts,
-    lay_rays,
-    spread,
-    walk_front,
-)
+from ogm_mcmc.sampling.list_growth import grown, next_places, side_by_side, sums
+from ogm_mcmc.sampling.ray_filing_kernels import file_near, lay_rays, spread
+from ogm_mcmc.sampling.ray_fronts import with_fronts
 from ogm_mcmc.sampling.ray_index import RayIndex
 from ogm_mcmc.sampling.ray_index_kernels import (
     CELLS,
     FRONT,
     GRID_SIZE,
-    MOST_IN_TILE,
     NEAR,
     PAIRS,
     TILE_BITS,
@@ -40,25 +35,24 @@ __all__ = ['assembled', 'extended']
 FULL_FROM = 1.0
 """Nats: lists of cells that rays can lift by more than this are full."""
 
-MOST_PAIRS = 2**31 - 1
 MOST_RAYS = 2**29
 
-# Sums take eight bytes a run.
-TILES_AT_ONCE = 256
+Blocks = Callable[[], Iterator[BeamRays]]
 
 
 def extended(
     index: RayIndex,
     old: GridSpec,
     new: GridSpec,
-    beams: Callable[[], Iterator[BeamRays]],
+    parts: Sequence[Blocks],
     n_more: int,
     model: ForwardModel,
     added: Callable[[], Iterator[tuple[BeamRays, AnyArray]]] = lambda: iter(()),
 ) -> RayIndex:
     """Return the index with `n_more` rays in a window that covers the old one; uses up `index`.
 
-    `beams` yields the new rays, a block at a time, in cells of the new window; it is called twice.
+    `parts` yield the new rays, one after the other, a block at a time, in cells of the new window;
+    each is called twice, the second time in a thread of its own.
     `added` yields beams that say more of rays, new or old, and the numbers (n,) of these.
     """
     if n_more == 0 and old == new:
@@ -72,13 +66,19 @@ def extended(
     old_cells = _moved_cells(index.listed(), old, new)
     grid = _grid(new)
     grid[PAIRS] = index.grid[PAIRS]
-    rays = _grown(_moved_rays(index.rays, old, new), n_old + n_more)
+    rays = grown(_moved_rays(index.rays, old, new), n_old + n_more)
     counts = np.zeros(n_cells, np.int32)
     at = n_old
-    for block in beams():
-        n = block.length.size
-        lay_rays(block, model, new.resolution_m, new.width, rays[at : at + n], counts)
-        at += n
+    begins: list[int] = []
+    counted: list[tuple[AnyArray, AnyArray]] = []
+    for part in parts:
+        begins.append(at)
+        earlier = np.flatnonzero(counts).astype(np.int32) if counted else np.empty(0, np.int32)
+        counted.append((earlier, counts[earlier]))
+        for block in part():
+            n = block.length.size
+            lay_rays(block, model, new.resolution_m, new.width, rays[at : at + n], counts)
+            at += n
     listed = counts > 0
     listed[old_cells] = True
     marks = _marks(listed)
@@ -90,23 +90,25 @@ def extended(
     lists = np.zeros((cells.size + 1, 2), np.int32)
     before = index.lists[:, NEAR].astype(np.int64)
     more[where_old] += np.diff(before)
-    lists[1:, NEAR] = _sums(more)
+    lists[1:, NEAR] = sums(more)
     del more
-    next_near = _spread_out(before, where_old, lists[:, NEAR])
-    near = _grown(index.near, int(lists[-1, NEAR]))
-    spread(before, where_old, lists[:, NEAR].astype(np.int64), near)
+    next_near = next_places(before, where_old, lists[:, NEAR])
+    near = grown(index.near, int(lists[-1, NEAR]))
+    if where_old.size:
+        spread(before, where_old, lists[:, NEAR].astype(np.int64), near)
     gain = _at(index.gain, where_old, cells.size)
-    telling = _grown(index.telling, n_old + n_more)
-    at = n_old
-    for block in beams():
-        file_near(
-            block, model, new.resolution_m, at, rays, marks, next_near, near, gain, telling, grid
-        )
-        at += block.length.size
-    del next_near
+    telling = grown(index.telling, n_old + n_more)
+    following = [next_near]
+    for earlier, n_earlier in counted[1:]:
+        later = next_near.copy()
+        later[np.searchsorted(cells, earlier)] += n_earlier
+        following.append(later)
+    del next_near, counted
     filed = index._replace(
         rays=rays, marks=marks, lists=lists, gain=gain, near=near, telling=telling, grid=grid
     )
+    _file_parts(filed, parts, begins, following, new, model)
+    del following
     _with_more_said(filed, added, new, model)
     full = _at(index.full, where_old, cells.size)
     becoming = np.flatnonzero((gain > FULL_FROM) & (full == 0))
@@ -117,7 +119,37 @@ def extended(
         crossed=_moved_bits(index, old, new),
     )  # fmt: skip
     before = index.lists[:, FRONT].astype(np.int64)
-    return _with_front(kept, n_old, before, where_old, becoming, cells)
+    return with_fronts(kept, n_old, before, where_old, becoming, cells)
+
+
+def _file_parts(
+    index: RayIndex,
+    parts: Sequence[Blocks],
+    begins: Sequence[int],
+    following: Sequence[AnyArray],
+    spec: GridSpec,
+    model: ForwardModel,
+) -> None:
+    """Enter the rays of each part, from these numbers on, in the near lists of an index.
+
+    following  of each part: where the next entry of each list goes, (S,) int32; used up
+    """
+
+    def one(number: int, gain: AnyArray) -> None:
+        at = begins[number]
+        for block in parts[number]():
+            file_near(
+                block, model, spec.resolution_m, at, index.rays, index.marks, following[number],
+                index.near, gain, index.telling, index.grid,
+            )  # fmt: skip
+            at += block.length.size
+
+    gains = [index.gain, *(np.zeros_like(index.gain) for _ in parts[1:])]
+    side_by_side(one, list(enumerate(gains)))
+    for more in gains[1:]:
+        np.add(index.gain, more, out=index.gain)
+        # A bound must not be rounded down.
+        np.nextafter(index.gain, np.float32(np.inf), out=index.gain, where=more > 0.0)
 
 
 def _with_more_said(
@@ -150,7 +182,7 @@ def assembled(
     cells, counts, gain  (S,) of each list, in rising order; near (T, 2) int32: all near pairs
     """
     lists = np.zeros((cells.size + 1, 2), np.int32)
-    lists[1:, NEAR] = _sums(counts.astype(np.int64))
+    lists[1:, NEAR] = sums(counts.astype(np.int64))
     n_cells, (up, across) = spec.width * spec.height, _tile_shape(spec)
     listed = np.zeros(n_cells, np.bool_)
     listed[cells] = True
@@ -160,60 +192,7 @@ def assembled(
         crossed=np.zeros((n_cells + 7) // 8, np.uint8),
     )  # fmt: skip
     none = np.empty(0, np.int64)
-    return _with_front(index, 0, np.zeros(1, np.int64), none, none, cells)
-
-
-def _with_front(
-    index: RayIndex,
-    n_old: int,
-    before: AnyArray,
-    where_old: AnyArray,
-    becoming: AnyArray,
-    cells: AnyArray,
-) -> RayIndex:
-    """Enter the rays from `n_old` on where they are level: in tiles and in full lists.
-
-    before, where_old  where the front rays of lists began, and what number these have now
-    becoming           lists that are full from now on; cells (S,) of all lists
-    """
-    rays, marks, grid, full = index.rays, index.marks, index.grid, index.full
-    runs, run_lengths, front, tiles = index.runs, index.run_lengths, index.front, index.tiles
-    places = cells[becoming].astype(np.int64)
-    last, run = _last_runs(index)
-    counted = np.zeros(cells.size, np.int32), np.zeros(tiles.size - 1, np.int32)
-    nothing = np.empty(0, np.int32)
-    old_tiles = tiles, runs, run_lengths
-    fill_fronts(becoming, places, n_old, *old_tiles, rays, grid, counted[0], nothing)
-    pairs = walk_front(
-        n_old, rays, marks, full, grid, index.crossed, last.copy(), run.copy(), counted[1],
-        counted[0], runs, run_lengths, nothing, False,
-    )  # fmt: skip
-    grid[PAIRS] += pairs
-    more = counted[0].astype(np.int64)
-    more[where_old] += np.diff(before)
-    index.lists[1:, FRONT] = _sums(more)
-    counted[0].resize(0, refcheck=False)
-    del more
-    next_front = _spread_out(before, where_old, index.lists[:, FRONT])
-    front = _grown(front, int(index.lists[-1, FRONT]))
-    spread(before, where_old, index.lists[:, FRONT].astype(np.int64), front[:, None])
-    fill_fronts(becoming, places, n_old, *old_tiles, rays, grid, next_front, front)
-    del places
-
-    begins = tiles.astype(np.int64)
-    after = np.zeros_like(tiles)
-    after[1:] = _sums(np.diff(begins) + counted[1])
-    every = np.arange(tiles.size - 1)
-    next_run = _spread_out(begins, every, after)
-    runs, run_lengths = _grown(runs, int(after[-1])), _grown(run_lengths, int(after[-1]))
-    spread(begins, every, after.astype(np.int64), runs[:, None])
-    spread(begins, every, after.astype(np.int64), run_lengths[:, None])
-    walk_front(
-        n_old, rays, marks, full, grid, index.crossed, last, run, next_run, next_front, runs,
-        run_lengths, front, True,
-    )  # fmt: skip
-    grid[MOST_IN_TILE] = _most_in_tile(after, run_lengths)
-    return index._replace(front=front, tiles=after, runs=runs, run_lengths=run_lengths)
+    return with_fronts(index, 0, np.zeros(1, np.int64), none, none, cells)
 
 
 def _grid(spec: GridSpec) -> AnyArray:
@@ -232,29 +211,6 @@ def _tile_shape(spec: GridSpec) -> tuple[int, int]:
         ((box.row1 - 1) >> TILE_BITS) - (box.row0 >> TILE_BITS) + 1,
         ((box.column1 - 1) >> TILE_BITS) - (box.column0 >> TILE_BITS) + 1,
     )
-
-
-def _grown(array: AnyArray, size: int) -> AnyArray:
-    """Grow an array where it lies, if the allocator can: never twice the memory of a large one."""
-    shape = (size, *array.shape[1:])
-    if array.size == 0:
-        return np.empty(shape, array.dtype)  # not cleared, unlike what `resize` adds
-    array.resize(shape, refcheck=False)
-    return array
-
-
-def _sums(counts: AnyArray) -> AnyArray:
-    sums = np.cumsum(counts)
-    if sums.size and sums[-1] > MOST_PAIRS:
-        raise WindowError(f'{sums[-1]} pairs of a ray and a cell: expected at most {MOST_PAIRS}')
-    return sums
-
-
-def _spread_out(before: AnyArray, where: AnyArray, after: AnyArray) -> AnyArray:
-    """Return where the next entry of each list goes, behind those it had: (S,) int32."""
-    following = after[:-1].astype(np.int32)
-    following[where] += np.diff(before).astype(np.int32)
-    return following
 
 
 def _at(values: AnyArray, where: AnyArray, size: int) -> AnyArray:
@@ -309,24 +265,3 @@ def _moved_tiles(tiles: AnyArray, old: GridSpec, new: GridSpec) -> AnyArray:
     moved = np.zeros(counts.size + 1, np.int32)
     np.cumsum(counts, out=moved[1:])
     return moved
-
-
-def _last_runs(index: RayIndex) -> tuple[AnyArray, AnyArray]:
-    """Return the last ray of each tile, and how long its last run is, (Q,) int32."""
-    last = np.full(index.tiles.size - 1, -2, np.int32)
-    run = np.zeros(index.tiles.size - 1, np.int32)
-    some = np.flatnonzero(np.diff(index.tiles))
-    at = index.tiles[some + 1] - 1
-    run[some] = index.run_lengths[at]
-    last[some] = index.runs[at] + run[some] - 1
-    return last, run
-
-
-def _most_in_tile(tiles: AnyArray, run_lengths: AnyArray) -> int:
-    some, most = np.flatnonzero(np.diff(tiles)), 0
-    for at in range(0, some.size, TILES_AT_ONCE):
-        begins = tiles[some[at : at + TILES_AT_ONCE]]
-        end = tiles[some[min(at + TILES_AT_ONCE, some.size) - 1] + 1]
-        here = run_lengths[begins[0] : end]
-        most = max(most, int(np.add.reduceat(here, begins - begins[0], dtype=np.int64).max()))
-    return most

@@ -230,10 +230,10 @@ def file_near(
 
 @njit(cache=True, nogil=True)
 def walk_front(
-    first_ray, rays, marks, full, grid, crossed, tile_last, tile_run, next_run, next_front,
-    runs, run_lengths, front, filing,
+    first_ray, end_ray, rays, marks, full, grid, crossed, tile_last, tile_run, next_run,
+    next_front, runs, run_lengths, front, filing,
 ):  # fmt: skip
-    """Follow the rays from `first_ray` on; enter them where they are level, or only count.
+    """Follow the rays from `first_ray` to `end_ray`; enter them where level, or only count.
 
     crossed    (ceil(K / 8),) uint8, in and out: a bit for each cell that a ray crosses
     tile_last, tile_run  (Q,) int32, in and out: the last ray of each tile, and of how many rays,
@@ -244,7 +244,7 @@ def walk_front(
     Returns the number of pairs of a ray and a cell.
     """
     width, pairs = grid[WIDTH], np.int64(0)
-    for ray in range(first_ray, rays.shape[0]):
+    for ray in range(first_ray, end_ray):
         border, slope, start, shape = rays[ray, 0], rays[ray, 1], rays[ray, 2], rays[ray, 3]
         flags, last = shape >> 48, shape & LOW_16
         across = 1 if flags & RIGHTWARDS else -1

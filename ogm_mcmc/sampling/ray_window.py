@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +20,7 @@ from ogm_mcmc.sampling.beam_rays import (
 )
 from ogm_mcmc.sampling.ray_batch import Batch, in_blocks
 from ogm_mcmc.sampling.ray_filing import extended
+from ogm_mcmc.sampling.ray_fronts import parts_of
 from ogm_mcmc.sampling.ray_index import empty_index
 from ogm_mcmc.sampling.ray_merging import Joining, Places
 from ogm_mcmc.sampling.ray_stands import Stands, settled
@@ -123,11 +125,14 @@ class RayWindow:
         def here(rays: BeamRays) -> BeamRays:
             return rays._replace(column=rays.column - spec.column0, row=rays.row - spec.row0)
 
+        def blocks(part: Callable[[], Iterator[BeamRays]]) -> Iterator[BeamRays]:
+            return map(here, in_blocks(part()))
+
         self.index = extended(
             self.index,
             self.spec,
             spec,
-            lambda: map(here, in_blocks(batch.rays())),
+            [partial(blocks, part) for part in batch.shares(parts_of(more.rays))],
             more.rays,
             self.model,
             lambda: ((here(rays), numbers) for rays, numbers in batch.more_said()),

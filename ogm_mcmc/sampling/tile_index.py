@@ -229,7 +229,7 @@ def _indexed(
 
     new, n = here(beams), beams.length.size
     more = lambda: ((here(rays), numbers) for rays, numbers in said())  # noqa: E731
-    return extended(nothing, one, spec, lambda: iter([new]), n, model, more), spec
+    return extended(nothing, one, spec, [lambda: iter([new])], n, model, more), spec
 
 
 def _part(

@@ -9,7 +9,7 @@ from support.strategies import fan
 
 from ogm_mcmc.config import ForwardModelConfig, WindowConfig
 from ogm_mcmc.geometry import CellBox, PlacedScan, Pose2D
-from ogm_mcmc.sampling import RayWindow, ray_filing
+from ogm_mcmc.sampling import RayWindow, ray_fronts
 from ogm_mcmc.sampling.beam_rays import limited, rays_of_scan
 from ogm_mcmc.sampling.ray_batch import Batch
 
@@ -62,9 +62,9 @@ def test_the_most_rays_in_a_tile_do_not_depend_on_how_many_are_summed_at_once(mo
     lengths = rng.integers(1, 255, int(tiles[-1])).astype(np.uint8)
     expected = max(int(lengths[a:b].sum()) for a, b in pairwise(tiles))
     for at_once in (1, 2, 7, 1000):
-        monkeypatch.setattr(ray_filing, 'TILES_AT_ONCE', at_once)
-        assert ray_filing._most_in_tile(tiles, lengths) == expected
-    assert ray_filing._most_in_tile(np.zeros(3, np.int32), lengths[:0]) == 0
+        monkeypatch.setattr(ray_fronts, 'TILES_AT_ONCE', at_once)
+        assert ray_fronts._most_in_tile(tiles, lengths) == expected
+    assert ray_fronts._most_in_tile(np.zeros(3, np.int32), lengths[:0]) == 0
 
 
 def test_an_index_in_pieces_needs_no_more_than_one_at_once():

@@ -194,6 +194,25 @@ def test_extending_equals_building_at_once(seed, pieces):
     assert grown.index.gain == approx(whole.index.gain, rel=1e-5)
 
 
+def test_two_threads_enter_the_same_as_one(monkeypatch):
+    placed = walk(9, seed=6, spread=3.0)
+    whole = window_of(placed).index
+    monkeypatch.setattr('ogm_mcmc.sampling.ray_fronts.SHARED_FROM', 8)
+    shared, grown = window_of(placed).index, window_of(placed[:3])
+    grown.add(placed[3:])
+    for index in (shared, grown.index):
+        assert_consistent(index)
+        # Runs of rays end where a part does, and sums are rounded up once more.
+        same_arrays(
+            index._replace(
+                gain=whole.gain, tiles=whole.tiles, runs=whole.runs, run_lengths=whole.run_lengths
+            ),
+            whole,
+        )
+        assert (index.gain >= whole.gain * (1.0 - 1e-6)).all()
+        assert index.gain == approx(whole.gain, rel=1e-5)
+
+
 def test_adding_nothing_changes_nothing():
     window = window_of(walk(2, seed=3))
     before, spec = window.index, window.spec
