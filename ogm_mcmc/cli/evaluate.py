@@ -57,7 +57,7 @@ from ogm_mcmc.config import (
     given,
     settings_of,
 )
-from ogm_mcmc.config.nodes import REFINE_CONFIGS, RefineSamplerConfig
+from ogm_mcmc.config.nodes import REFINE_CONFIGS, RefineSamplerConfig, judging
 from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.files.output_files import checked_name
 from ogm_mcmc.io.map_files import JudgedMap, load_judged
@@ -202,7 +202,7 @@ def _answers(
 ) -> dict[str, Answer]:
     """Ask the judges that were named; what is refused is refused before what takes long."""
     read = partial(config_from, options, node='refine_server', node_configs=REFINE_CONFIGS)
-    sampler, placing = read(RefineSamplerConfig), read(PlacingConfig)
+    sampler, placing = judging(read(RefineSamplerConfig)), read(PlacingConfig)
     choice = build(HeldOutConfig, given(options, HeldOutConfig))
     points = build(HeldOutPointsConfig, given(options, HeldOutPointsConfig))
     expected = build(ExpectedScanConfig, given(options, ExpectedScanConfig))

@@ -25,7 +25,7 @@ from ogm_mcmc.config import (
     flatten,
     given,
 )
-from ogm_mcmc.config.nodes import REFINE_CONFIGS, RefineSamplerConfig
+from ogm_mcmc.config.nodes import REFINE_CONFIGS, RefineSamplerConfig, judging
 from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.io.map_files import load_judged
 from ogm_mcmc.plotting import Page
@@ -97,7 +97,7 @@ def _asked(
     options: argparse.Namespace, maps: Mapping[str, Any], config: EvaluationConfig
 ) -> dict[str, Compared]:
     read = partial(config_from, options, node='refine_server', node_configs=REFINE_CONFIGS)
-    sampler, placing = read(RefineSamplerConfig), read(PlacingConfig)
+    sampler, placing = judging(read(RefineSamplerConfig)), read(PlacingConfig)
     choice = build(HeldOutConfig, given(options, HeldOutConfig))
     points = build(HeldOutPointsConfig, given(options, HeldOutPointsConfig))
     answers: dict[str, Compared] = {}

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from ogm_mcmc.config import (
     ChainConfig,
     CollisionConfig,
+    ForwardModelConfig,
     MapperConfig,
     OutputConfig,
     PatchConfig,
@@ -36,10 +37,12 @@ __all__ = [
     'IntakeConfig',
     'ManagedConfig',
     'NodeMapperConfig',
+    'NodeModelConfig',
     'OnlineMapperConfig',
     'RefineSamplerConfig',
     'RefineServerConfig',
     'ReplayConfig',
+    'judging',
     'refine_settings_agree',
 ]
 
@@ -205,6 +208,29 @@ class NodeWindowConfig(WindowConfig):
     )
 
 
+# No sensor is as precise as that.
+LEAST_SIGMA_M = 1e-4
+
+
+@dataclass(frozen=True)
+class NodeModelConfig(ForwardModelConfig):
+    """Defaults of `refine_server` and `sample`: how far ranges scatter is seen in the data."""
+
+    sigma: float = setting(
+        0.0,
+        'standard deviation of a range, m, the error of the poses included; 0: found in the '
+        'scans that are sampled (`evaluate`, whose beams judge: 0.05)',
+        low=0.0,
+        high=10.0,
+    )
+
+    def __post_init__(self) -> None:
+        """Refuse what is out of bounds."""
+        super().__post_init__()
+        possible = self.sigma == 0.0 or self.sigma >= LEAST_SIGMA_M
+        require(possible, 'sigma', self.sigma, 'expected 0, or 0.0001 or more')
+
+
 # All at the top level of the node, like the names people know from slam_toolbox.
 NODE_CONFIGS = (
     NodeMapperConfig,
@@ -260,15 +286,22 @@ class RefineServerConfig:
 LEARNED = PatchConfig(prior='border', size=9, strength=1.15, min_probability=0.003, max_floor=0.02)
 FITTED = ChainConfig(sensor='fitted', reflecting=0.2)
 JUDGED = NodeWindowConfig()
+SENSED = NodeModelConfig()
 
 
 @dataclass(frozen=True)
 class RefineSamplerConfig(SamplerConfig):
     """Defaults of `refine_server` and `sample`: the learned prior, walls also between beams."""
 
+    model: ForwardModelConfig = SENSED
     window: WindowConfig = JUDGED
     chain: ChainConfig = FITTED
     patch: PatchConfig = LEARNED
+
+
+def judging(config: RefineSamplerConfig) -> RefineSamplerConfig:
+    """Return how beams are understood by a judge, who finds no sigma in them."""
+    return replace(config, model=replace(config.model, sigma=config.model.sigma_m))
 
 
 REFINE_CONFIGS = (

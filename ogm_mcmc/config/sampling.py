@@ -64,6 +64,11 @@ class ForwardModelConfig:
         others = self.clutter + self.missing + self.short
         require(others < 1.0, 'clutter + missing + short', others, 'must be below 1')
 
+    @property
+    def sigma_m(self) -> float:
+        """The sigma; where it is 0, to be found in scans, and nobody has looked, the default."""
+        return float(self.sigma or ForwardModelConfig.sigma)
+
 
 @dataclass(frozen=True)
 class WindowConfig:
@@ -134,7 +139,7 @@ class ChainConfig:
     sensor: str = setting(
         'given',
         'clutter and missing of the beam model: given: as set; fitted: estimated from the scans '
-        'that are sampled',
+        'that are sampled, as a sigma of 0 is',
         choices=('given', 'fitted'),
     )
     reflecting: float = setting(

@@ -33,7 +33,13 @@ from ogm_mcmc.engine.progress import IndexSize, Progress
 from ogm_mcmc.engine.recording import fingerprint
 from ogm_mcmc.engine.sampling_rounds import SamplingRounds
 from ogm_mcmc.engine.saved_chains import load_chains, save_chains, saved_settings
-from ogm_mcmc.engine.sensor_fit import SensorNumbers, fit_sensor, found_of_beams, saved_beams
+from ogm_mcmc.engine.sensor_fit import (
+    SensorNumbers,
+    alike,
+    fit_sensor,
+    found_of_beams,
+    saved_beams,
+)
 from ogm_mcmc.engine.warp import laid_on, moved_cells
 from ogm_mcmc.errors import WindowError
 from ogm_mcmc.files.output_files import replacing
@@ -114,10 +120,7 @@ class Refinement:
             moved = None if extends else moved_cells(window.spec, self._taken, scans)
             on = self.sampler if grows else None
             grown = None if on is None else Grown(on.model, old)
-            # The shares that are fitted change a little with every few scans: no matter.
-            before = held[1]
-            but_for_shares = replace(self.model, clutter=before.clutter, missing=before.missing)
-            same = self.no_return.value == held[0].value and but_for_shares == before
+            same = self.no_return.value == held[0].value and alike(self.model, held[1])
             soon = same and start is None and self._knows(scans)
             sampler = self._begun(window, scans, start, (warm, moved, soon), grown)
         except BaseException:

@@ -1,4 +1,4 @@
-"""Clutter and missing returns of a sensor, from what its beams say of each other.
+"""Sigma, clutter and missing returns of a sensor, from what its beams say of each other.
 
 Design note: shares from the data
 ---------------------------------
@@ -12,9 +12,8 @@ Decision. Beams judge beams. A reading is confirmed by another one that ends bes
 contradicted when others passed through its cell and none, or few of many, ended near; lone
 readings, which say nothing of it, are left out. A beam without a return that passes a cell in
 which many beams ended and hardly any passed is missing. Both shares are binomial, with a Beta
-prior as if a hundred beams were seen before, one of them wrong. Sigma stays as it is set: it
-takes in the pose error, and where every cell of a wall has one reading data do not tell noise
-from an uneven wall.
+prior as if a hundred beams were seen before, one of them wrong. Sigma is found from the same
+counts where it is 0: `ogm_mcmc.engine.range_spread`.
 
 Consequence. Generated buildings, 5 % of the beams: `docs/results.md`. Intel (odd beams held out,
 40 sweeps): clutter 0.002, so 0.005; 1.012 nats a beam (live 0.912).
@@ -32,15 +31,12 @@ import numpy as np
 
 from ogm_mcmc.arrays import AnyArray, BoolArray, Int64Array
 from ogm_mcmc.config import ForwardModelConfig, MapperConfig, SamplerConfig, WindowConfig
+from ogm_mcmc.engine.range_spread import Spread, contradicted, spread_of
 from ogm_mcmc.errors import WindowError
 from ogm_mcmc.geometry import CellBox, HeldRays, PlacedScan, Rays, cast_rays
 from ogm_mcmc.mapping.counting import CountingMapper
 
-__all__ = ['SensorNumbers', 'Share', 'fit_sensor', 'found_of_beams', 'saved_beams']
-
-# So many others passed through the cell of a reading that is contradicted, and so many for each
-# that ended beside it.
-PASSED, PASSED_PER_CONFIRMED = 2, 8
+__all__ = ['SensorNumbers', 'Share', 'alike', 'fit_sensor', 'found_of_beams', 'saved_beams']
 
 # A cell is solid if so many scans ended there for each that passed, and at least so many.
 ENDED_PER_PASSED, ENDED = 4, 3
@@ -54,6 +50,9 @@ SEEN_BEFORE = 100.0
 
 # For the ends of intervals: a thousandth of a deviation matters to nobody.
 INTERVAL_DRAWS = 20_000
+
+# Chains need not forget where they were when sigma changed by no more than that.
+SAME_SIGMA = 0.1
 
 # Cells are no walls: a beam past the corner of one contradicts it. Shares are no smaller.
 LEAST_SHARE = 0.005
@@ -87,70 +86,89 @@ class Share(NamedTuple):
 
 
 class SensorNumbers(NamedTuple):
-    """Shares of readings from anywhere and of lost returns; None where beams do not tell."""
+    """Shares of readings from anywhere and of lost returns, and the spread of ranges.
 
-    clutter: Share
+    None where it was given, or beams do not tell.
+    """
+
+    clutter: Share | None
     missing: Share | None
+    sigma: Spread | None = None
 
     def __str__(self) -> str:
-        """Return `clutter 0.0123 (0.0090 to 0.0160), missing 0.0051 (0.0043 to 0.0060)`."""
+        """Return `clutter 0.0123 (0.0090 to 0.0160), sigma 0.0168 m (0.0150 to 0.0190)`."""
         return ', '.join(
-            f'{name} {share}' for name, share in self._asdict().items() if share is not None
+            f'{name} {found}' for name, found in self._asdict().items() if found is not None
         )
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain values for JSON: by name a mean, its deviation, beams and interval."""
         return {
-            name: None if share is None else share._asdict()
-            for name, share in self._asdict().items()
+            name: None if found is None else found._asdict()
+            for name, found in self._asdict().items()
         }
 
 
 def fit_sensor(
     scans: Sequence[PlacedScan], config: SamplerConfig
 ) -> tuple[ForwardModelConfig, SensorNumbers | None]:
-    """Return the sensor's model with the shares that its beams ask for, and how sure they are.
+    """Return the sensor's model with the numbers that its beams ask for, and how sure they are.
 
-    With `config.chain.sensor` given, and for models other than `beam` without short returns, the
-    model comes back as it is, and None.
+    A sigma of 0 is found. Shares are where `config.chain.sensor` says so and the model is `beam`
+    without short returns. Where nothing is to be found the model comes back as it is, and None.
     """
     given, window = config.model, config.window
-    if config.chain.sensor == 'given' or given.kind != 'beam' or given.short > 0.0:
+    shares = config.chain.sensor == 'fitted' and given.kind == 'beam' and given.short == 0.0
+    if given.sigma > 0.0 and not shares:
         return given, None
     mapper, cast = _mapped(scans, window)
-    seen = _Seen.of(mapper, math.ceil(2.0 * given.sigma / window.resolution))
-    confirmed = contradicted = met_solid = lost = without = 0
+    sigma = given.sigma_m
+    seen = _Seen.of(mapper, math.ceil(2.0 * sigma / window.resolution))
+    spread = None
+    if given.sigma == 0.0:
+        spread = spread_of(seen.hits, seen.misses, seen.beside, window.resolution)
+        given = replace(given, sigma=spread.mean)
+    if not shares:
+        return given, SensorNumbers(None, None, spread)
+    if given.sigma > sigma:
+        seen = _Seen.of(mapper, math.ceil(2.0 * given.sigma / window.resolution))
+    clutter, missing = _shares(seen, cast, scans)
+    clears = window.no_return == 'clear'
+    model = replace(
+        given,
+        clutter=max(clutter.mean, LEAST_SHARE),
+        missing=max(missing.mean, LEAST_SHARE) if clears else given.missing,
+    )
+    return model, SensorNumbers(clutter, missing if clears else None, spread)
+
+
+def _shares(seen: _Seen, cast: HeldRays, scans: Sequence[PlacedScan]) -> tuple[Share, Share]:
+    """Return the shares of readings from anywhere and of lost returns."""
+    confirmed = contrary = met_solid = lost = without = 0
     every = max(1, sum(int(np.isinf(scan.scan.ranges_m).sum()) for scan in scans) // MOST_MISSING)
     for rays in cast:
         if rays.n_rays == 0:
             continue
         right, wrong, solid = seen.judged(rays)
         confirmed += right
-        contradicted += wrong
+        contrary += wrong
         met_solid += solid
         unseen = np.flatnonzero(rays.hit[: rays.n_rays] != 1)
         looked_at = unseen[(without + 1 + np.arange(unseen.size)) % every == 0]
         without += unseen.size
         lost += every * seen.met_by(rays, looked_at)
-    clutter = Share.of(contradicted, confirmed + contradicted)
-    clears = window.no_return == 'clear'
-    missing = Share.of(lost, met_solid + lost) if clears else None
-    model = replace(
-        given,
-        clutter=max(clutter.mean, LEAST_SHARE),
-        missing=given.missing if missing is None else max(missing.mean, LEAST_SHARE),
-    )
-    return model, SensorNumbers(clutter, missing)
+    return Share.of(contrary, confirmed + contrary), Share.of(lost, met_solid + lost)
 
 
 class _Seen(NamedTuple):
     """What beams say of cells (height, width) of a box.
 
-    misses  how many passed through; beside: how many ended in it or near; solid: whether it
-            stops beams
+    hits    how many ended in it; misses: how many passed through; beside: how many ended in it
+            or near; solid: whether it stops beams
     """
 
     box: CellBox
+    hits: Int64Array
     misses: Int64Array
     beside: Int64Array
     solid: BoolArray
@@ -164,7 +182,7 @@ class _Seen(NamedTuple):
         box = _box_of_hits(mapper)
         hits, misses = (counts.astype(np.int64) for counts in mapper.counts(box))
         solid = (hits >= ENDED) & (hits >= ENDED_PER_PASSED * misses)
-        return cls(box, misses, _sum_around(hits, reach), solid)
+        return cls(box, hits, misses, _sum_around(hits, reach), solid)
 
     def corner(self, rays: Rays) -> tuple[int, int]:
         """Return where the cells of rays begin in the box."""
@@ -179,8 +197,7 @@ class _Seen(NamedTuple):
             for axis in (0, 1)
         )
         others = self.beside[row, column] - 1
-        passed = self.misses[row, column]
-        against = (passed >= PASSED) & (passed >= PASSED_PER_CONFIRMED * others)
+        against = contradicted(self.misses[row, column], others)
         confirmed = (others > 0) & ~against
         counts = (np.count_nonzero(one) for one in (confirmed, against, self.solid[row, column]))
         right, wrong, solid = map(int, counts)
@@ -216,10 +233,18 @@ def _mapped(scans: Sequence[PlacedScan], window: WindowConfig) -> tuple[Counting
     return mapper, cast
 
 
+def alike(one: ForwardModelConfig, other: ForwardModelConfig) -> bool:
+    """Whether models differ in what is fitted alone, which changes a little with a few scans."""
+    near = math.isclose(one.sigma, other.sigma, rel_tol=SAME_SIGMA)
+    sigma = other.sigma if near else one.sigma
+    return replace(one, sigma=sigma, clutter=other.clutter, missing=other.missing) == other
+
+
 def found_of_beams(model: ForwardModelConfig, sensor: SensorNumbers | None) -> dict[str, Any]:
     """Return what was found of the beams, as JSON has it."""
     numbers = None if sensor is None else sensor.as_dict()
-    return {'clutter': model.clutter, 'missing': model.missing, 'sensor': numbers}
+    shares = {'clutter': model.clutter, 'missing': model.missing}
+    return {'sigma': model.sigma, **shares, 'sensor': numbers}
 
 
 def saved_beams(
@@ -227,13 +252,15 @@ def saved_beams(
 ) -> tuple[ForwardModelConfig, SensorNumbers | None]:
     """Return what a saved state says of beams; raises WindowError where that is nonsense."""
     try:
-        found = replace(model, clutter=float(saved['clutter']), missing=float(saved['missing']))
+        sigma, clutter, missing = (float(saved[name]) for name in ('sigma', 'clutter', 'missing'))
+        found = replace(model, sigma=sigma, clutter=clutter, missing=missing)
         numbers = saved['sensor']
         if numbers is None:
             return found, None
-        missing = numbers['missing']
-        lost = None if missing is None else Share(**missing)
-        return found, SensorNumbers(Share(**numbers['clutter']), lost)
+        shares = (numbers[name] for name in ('clutter', 'missing'))
+        wrong, lost = (None if share is None else Share(**share) for share in shares)
+        spread = numbers['sigma']
+        return found, SensorNumbers(wrong, lost, None if spread is None else Spread(**spread))
     except (KeyError, TypeError, ValueError) as error:
         raise WindowError(f'{path}: expected what was found of the beams ({error})') from error
 

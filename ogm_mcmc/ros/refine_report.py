@@ -123,12 +123,17 @@ def progress_values(progress: Progress | None) -> dict[str, object]:
 
 def sensor_values(sensor: SensorNumbers | None) -> dict[str, object]:
     """Return what was found out about the sensor, for /diagnostics; nothing where it is given."""
-    shares = {} if sensor is None else sensor._asdict()
-    return {
+    if sensor is None:
+        return {}
+    shares = {'clutter': sensor.clutter, 'missing': sensor.missing}
+    values: dict[str, object] = {
         f'{name} beams (share, 95 % interval)': str(share)
         for name, share in shares.items()
         if share is not None
     }
+    if sensor.sigma is not None:
+        values['sigma of ranges (95 % interval)'] = str(sensor.sigma)
+    return values
 
 
 def no_return_values(choice: NoReturnChoice | None, asked: str) -> dict[str, object]:

@@ -50,7 +50,7 @@ class ForwardModel(NamedTuple):
         """Return the model a configuration describes."""
         return cls(
             config.kind == 'gaussian',
-            float(config.sigma),
+            config.sigma_m,
             1.0 - config.clutter - config.missing - config.short,
             float(config.clutter),
             float(config.missing),

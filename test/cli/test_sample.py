@@ -210,7 +210,7 @@ def test_the_yaml_of_the_node_and_a_start_map(sample, tmp_path):
     [
         (['--cell-prior', '0'], 'error: chain.prior is 0.0'),
         (['--cell-prior', '1'], 'prior is 1.0'),
-        (['--sigma', '0'], 'sigma is 0.0'),
+        (['--sigma', '1e-9'], 'sigma is 1e-09: expected 0, or 0.0001 or more'),
         (['--samples', '-1'], '--samples is -1: expected 0 or more'),
         (['--thin', '0'], 'thin is 0'),
         (['--tiles', '2x2'], '--tiles: expected with --scheduler'),

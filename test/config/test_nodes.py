@@ -2,8 +2,8 @@
 
 import pytest
 
-from ogm_mcmc.config import build, settings_of
-from ogm_mcmc.config.nodes import NodeMapperConfig, RefineSamplerConfig
+from ogm_mcmc.config import ForwardModelConfig, build, settings_of
+from ogm_mcmc.config.nodes import NodeMapperConfig, RefineSamplerConfig, judging
 from ogm_mcmc.errors import ConfigError
 
 
@@ -14,3 +14,15 @@ def test_what_no_return_means_may_be_left_to_the_data():
     assert NodeMapperConfig().no_return == 'auto'
     with pytest.raises(ConfigError, match=r"window\.no_return is 'all': one of auto, clear"):
         build(RefineSamplerConfig, {'window.no_return': 'all'})
+
+
+def test_sigma_may_be_left_to_the_data_but_not_by_a_judge():
+    config = build(RefineSamplerConfig, {'window.resolution': 0.1})
+    assert (config.model.sigma, config.model.sigma_m) == (0.0, ForwardModelConfig().sigma)
+    assert judging(config).model.sigma == ForwardModelConfig().sigma
+    fixed = build(RefineSamplerConfig, {'model.sigma': 0.02})
+    assert judging(fixed) == fixed
+    with pytest.raises(ConfigError, match=r'sigma is 1e-06: expected 0, or 0\.0001 or more'):
+        build(RefineSamplerConfig, {'model.sigma': 1e-6})
+    with pytest.raises(ConfigError, match=r'sigma is 0\.0: expected a number from 0\.0001'):
+        ForwardModelConfig(sigma=0.0)

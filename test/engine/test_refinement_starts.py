@@ -250,7 +250,8 @@ def test_shares_that_are_fitted_anew_are_no_other_thing(monkeypatch):
     many = [FIRST] * 9
     refinement = taken(*many, burn_in=30)
     run(refinement, max_sweeps=31)
-    fitted = replace(refinement.model, clutter=0.011, missing=0.02)
+    sigma = 1.04 * refinement.model.sigma
+    fitted = replace(refinement.model, sigma=sigma, clutter=0.011, missing=0.02)
     monkeypatch.setattr('ogm_mcmc.engine.refinement.fit_sensor', lambda *args: (fitted, None))
     refinement.take(many[:8])
     assert refinement.model.clutter == 0.011

@@ -118,7 +118,7 @@ def test_parameters_while_running(walks):
     [
         ({'chain.prior': 0.0}, 'chain.prior'),
         ({'chain.prior': 1.0}, 'chain.prior'),
-        ({'model.sigma': 0.0}, 'model.sigma'),
+        ({'model.sigma': 1e-9}, 'model.sigma'),
         ({'model.sigma': -1.0}, 'model.sigma'),
         ({'model.clutter': 0.5, 'model.missing': 0.5}, 'clutter + missing + short is 1.0'),
         ({'chain.burn_in': 2000}, 'max_sweeps is 2000: expected more than burn_in (2000)'),

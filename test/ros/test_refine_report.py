@@ -6,6 +6,7 @@ pytest.importorskip('rclpy', reason='rclpy is not installed: no ROS tests')
 
 from ogm_mcmc.config import StopConfig
 from ogm_mcmc.engine.progress import Progress
+from ogm_mcmc.engine.range_spread import Spread
 from ogm_mcmc.engine.refined_map import WorkerStatus
 from ogm_mcmc.engine.sensor_fit import SensorNumbers, Share
 from ogm_mcmc.ros.refine_report import (
@@ -79,6 +80,10 @@ def test_what_was_found_out_about_the_sensor():
     assert list(sensor_values(SensorNumbers(clutter, None))) == [
         'clutter beams (share, 95 % interval)'
     ]
+    only = SensorNumbers(None, None, Spread(0.0193, 0.004, 81, 0.0117, 0.027))
+    assert sensor_values(only) == {
+        'sigma of ranges (95 % interval)': '0.0193 m (0.0117 to 0.0270)'
+    }
     assert sensor_values(None) == {}
 
 

@@ -9,7 +9,6 @@ from dataclasses import replace
 from typing import NamedTuple, Protocol
 
 from ogm_mcmc.config import (
-    ForwardModelConfig,
     MapperConfig,
     PatchConfig,
     StopConfig,
@@ -110,7 +109,6 @@ def _sampler(patch: PatchConfig) -> Mapper:
         defaults = RefineSamplerConfig()
         config = replace(
             defaults,
-            model=ForwardModelConfig(),
             window=NodeWindowConfig(resolution=lattice.cell_m, no_return=lattice.no_return),
             chain=replace(defaults.chain, chains=CHAINS, burn_in=BURN_IN, seed=seed),
             patch=patch,
