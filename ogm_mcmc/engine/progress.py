@@ -9,7 +9,10 @@ __all__ = ['IndexSize', 'Progress']
 
 
 class Progress(NamedTuple):
-    """How far sampling has come; `reason` says why it stopped, empty while it has not."""
+    """How far sampling has come; `reason` says why it stopped, empty while it has not.
+
+    `agreeing_share`: of the informed cells; until 16 sweeps count, of what the burn-in says.
+    """
 
     sweeps: int
     counted: int

@@ -22,9 +22,14 @@ MIN_COUNTED = 64
 
 
 class SamplingRounds:
-    """Rounds of sampling. `quality` is that of the informed cells when chains were judged last."""
+    """Rounds of sampling. `quality` is that of the informed cells when chains were judged last.
+
+    Until there is one, progress says how far chains agree about their burn-in. That never ends
+    anything, and is not said of a run that has ended.
+    """
 
     def __init__(self) -> None:
+        self._settling_share = 0.0
         self.quality: ChainQuality | None = None
         self._summary: dict[str, float] | None = None
 
@@ -67,16 +72,18 @@ class SamplingRounds:
                 reason = 'cancelled'
             due = (now - judged_at) * JUDGING_SHARE >= judging_s
             if reason or due or 0 <= sampler.counted - MIN_COUNTED < n:
-                self._judge(sampler)
+                self._judge(sampler, stop)
                 judged_at = time.monotonic()
                 judging_s = judged_at - now
                 if not reason and self._converged(stop, sampler.counted):
                     reason = 'converged'
             yield self._progress(sampler, done, time.monotonic() - began, stop, reason)
 
-    def _judge(self, sampler: PosteriorSampler) -> None:
+    def _judge(self, sampler: PosteriorSampler, stop: StopConfig) -> None:
         self.quality = sampler.informed_quality()
         self._summary = None if self.quality is None else self.quality.summary()
+        if self.quality is None and stop.r_hat > 0.0:
+            self._settling_share = sampler.settling_share(stop.r_hat)
 
     def _converged(self, stop: StopConfig, counted: int) -> bool:
         return (
@@ -90,6 +97,7 @@ class SamplingRounds:
         self, sampler: PosteriorSampler, done: int, seconds: float, stop: StopConfig, reason: str
     ) -> Progress:
         quality = self.quality
+        agreeing = 0.0 if reason else self._settling_share
         figures = {'r_hat_p99': np.inf, 'ess_median': 0.0, 'mcse_max': np.inf}
         if self._summary is not None:
             figures = {key: self._summary[key] for key in figures}
@@ -98,7 +106,7 @@ class SamplingRounds:
             counted=sampler.counted,
             seconds=seconds,
             sweeps_per_s=done / max(seconds, 1e-9),
-            agreeing_share=0.0 if quality is None else quality.agreeing_share(stop.r_hat),
+            agreeing_share=agreeing if quality is None else quality.agreeing_share(stop.r_hat),
             log_likelihood=float(np.mean(sampler.log_likelihoods())),
             reason=reason,
             **figures,

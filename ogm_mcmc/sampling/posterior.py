@@ -43,6 +43,9 @@ END_LOOKS = (4, 5, 6, 7)
 LEAST_BURN_IN = 40
 """A shorter one is done whole."""
 
+LEAST_AGREEING = 5
+"""The later part of fewer sweeps has no two halves of two each: one draw does not vary."""
+
 AGREEING = 1.05, 0.99
 """R-hat of so many of the informed cells is below this where a burn-in may end."""
 
@@ -221,11 +224,21 @@ class PosteriorSampler:
         """Let the burn-in end after the sweeps of the last focus, if the chains agree by now."""
         if not self.may_end:
             return  # it did at an earlier look
+        limit, share = AGREEING
+        if self.settling_share(limit) >= share:
+            self.burn_in, self.may_end = self.sweeps + FRESH, False
+
+    def settling_share(self, limit: float) -> float:
+        """Return the share of informed cells with R-hat below a limit in the burn-in.
+
+        Of the later two thirds of its sweeps; 0 while these are fewer than four and once they are
+        let go. It says how far chains have come, and is no result: results are of counted sweeps.
+        """
+        if not self.settling or self.settling[0].full < LEAST_AGREEING:
+            return 0.0
         arrives = self.arrival(later_mean(self.settling))[self.model.touched] >= ARRIVES
         halves, length = later_halves(self.settling, np.flatnonzero(arrives))
-        limit, share = AGREEING
-        if agreeing_share(split_r_hat(halves, length), limit) >= share:
-            self.burn_in, self.may_end = self.sweeps + FRESH, False
+        return agreeing_share(split_r_hat(halves, length), limit)
 
     def _advance_one(self, chain: int, n_sweeps: int) -> int:
         flips = 0

@@ -99,6 +99,19 @@ def test_converged_as_reason():
     assert 0.0 < last.mcse_max < 0.5
 
 
+def test_progress_tells_how_far_a_burn_in_agrees_and_no_run_ends_by_that():
+    refinement = taken(FIRST, burn_in=30)
+    rounds = run(refinement, max_sweeps=40, r_hat=10.0, agreeing_share=0.0)
+    shares = {p.sweeps: p.agreeing_share for p in rounds if p.counted < 16}
+    assert [share for sweeps, share in shares.items() if sweeps < 5] == [0.0] * sum(
+        sweeps < 5 for sweeps in shares
+    )
+    assert max(shares.values()) > 0.9
+    # What has ended has agreed about what counts, or it has not.
+    assert (rounds[-1].reason, rounds[-1].counted) == ('sweeps', 10)
+    assert rounds[-1].agreeing_share == 0.0
+
+
 def test_chains_are_judged_as_soon_as_they_may_stop(monkeypatch):
     """Whatever share of the time judging may take."""
     monkeypatch.setattr(sampling_rounds, 'JUDGING_SHARE', 0.0)

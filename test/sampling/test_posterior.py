@@ -307,6 +307,7 @@ def test_a_burn_in_ends_at_the_first_look_at_which_chains_agree(ends, monkeypatc
                     means.append(rows.sum(axis=0) / (half * counts.batch_length * PARTS))
             informed = sampler.arrival(np.mean(means, axis=0, dtype=np.float32))[model.touched]
             r_hat = split_r_hat(np.array(means)[:, informed >= 0.5], half * counts.batch_length)
+            assert sampler.settling_share(1.2) == np.mean(r_hat < 1.2) > 0.0
             agreed += [done] if np.mean(r_hat < 1.2) >= share else []
         if agreed:
             break
