@@ -120,7 +120,12 @@ class Refinement:
             moved = None if extends else moved_cells(window.spec, self._taken, scans)
             on = self.sampler if grows else None
             grown = None if on is None else Grown(on.model, old)
-            same = self.no_return.value == held[0].value and alike(self.model, held[1])
+            as_before = alike(self.model, held[1])
+            if moved is not None and not as_before:
+                # Wrong poses told of a wrong sensor: no chain has been where it should be.
+                moved = np.ones_like(moved)
+            as_before = as_before or moved is not None
+            same = self.no_return.value == held[0].value and as_before
             soon = same and start is None and self._knows(scans)
             sampler = self._begun(window, scans, start, (warm, moved, soon), grown)
         except BaseException:

@@ -192,6 +192,21 @@ def test_chains_begin_anew_where_scans_were_placed_anew_and_go_on_elsewhere(patc
         assert share <= (0.0 if patch.size == 1 else 0.1)
 
 
+def test_all_begins_anew_where_wrong_poses_told_of_a_wrong_sensor(monkeypatch):
+    """Whichever scans moved; as every scan is known the burn-in is short all the same."""
+    here, there = [FIRST] * 5, [PlacedScan.at(FIRST.scan, Pose2D(20.0, 0.0)) for _ in range(4)]
+    refinement = taken(*here, *there, burn_in=30)
+    run(refinement, max_sweeps=31)
+    wrong = replace(refinement.model, sigma=1.5 * refinement.model.sigma)
+    placed = [*here, *(PlacedScan.at(one.scan, Pose2D(20.6, 0.0)) for one in there)]
+    monkeypatch.setattr('ogm_mcmc.engine.refinement.fit_sensor', lambda *args: (wrong, None))
+    refinement.take(placed)
+    assert refinement.sampler.burn_in == WARM_BURN_IN
+    fresh = taken(*placed, burn_in=30)
+    for now, first in zip(refinement.sampler.states, fresh.sampler.states, strict=True):
+        assert np.array_equal(now.cells, first.cells)
+
+
 def test_chains_that_go_on_with_a_few_more_scans_count_soon():
     """Once their burn-in is behind them, placed anew or not; not from a map that is given."""
     many = [FIRST] * 9
