@@ -80,17 +80,14 @@ def score(building: int, step: int, seed: int) -> dict[str, Any]:
     ways = _ways(maps.mean, rng)
     true_map = world.occupied[np.newaxis]
     truth = SampleBits.of_maps(world.spec, true_map, np.ones(world.occupied.shape, np.bool_))
-    said, inside, blocked, product = (
-        np.array([one(way)[-1] for way in ways])
-        for one in (
-            lambda way: collision_risk(maps.bits, way, RADIUS_M, maps.prior),
-            lambda way: collision_risk(maps.bits, way, RADIUS_M, 0.0),
-            lambda way: collision_risk(truth, way, RADIUS_M, 1.0),
-            lambda way: [product_risk(maps.mean, way, RADIUS_M, maps.prior)],
-        )
-    )
-    surely = np.array([collision_risk(maps.bits, way, RADIUS_M, 1.0)[-1] for way in ways])
-    known = surely == inside
+    nothing = maps.bits._replace(words=np.zeros_like(maps.bits.words))
+
+    def asked(bits: SampleBits, unknown: float) -> Float64Array:
+        return np.array([collision_risk(bits, way, RADIUS_M, unknown)[-1] for way in ways])
+
+    said, blocked = asked(maps.bits, maps.prior), asked(truth, 1.0)
+    product = np.array([product_risk(maps.mean, way, RADIUS_M, maps.prior) for way in ways])
+    known = asked(nothing, 1.0) == 0.0
     hit: BoolArray = blocked > 0.5
     return {
         'building': building,
