@@ -31,9 +31,9 @@ ORDERS = ('fixed', 'random', 'checkerboard')
 
 
 class GibbsState(NamedTuple):
-    """What the next sweep needs: `cells` (K,) uint8 and each ray's first hit, `records`.
+    """What the next sweep needs: `cells` (K,) uint8 and what each ray hits, `records`.
 
-    `records` (N, 2) int32 follows from `cells`; see `ogm_mcmc.sampling.gibbs_kernels`.
+    `records` (N, 4) int32 follows from `cells`; see `ogm_mcmc.sampling.gibbs_kernels`.
     """
 
     cells: UInt8Array
@@ -57,8 +57,8 @@ Draw = tuple[GibbsState, SweepInfo]
 
 
 def first_hits(cells: UInt8Array, index: RayIndex) -> AnyArray:
-    """Return the records (N, 2) int32 of a map (K,), see `ogm_mcmc.sampling.gibbs_kernels`."""
-    records = np.empty((index.n_rays, 2), np.int32)
+    """Return the records (N, 4) int32 of a map (K,), see `ogm_mcmc.sampling.gibbs_kernels`."""
+    records = np.empty((index.n_rays, 4), np.int32)
     find_first_hits(cells, records, records.view(np.float32), *index.arrays())
     return records
 

@@ -14,6 +14,7 @@ from ogm_mcmc.sampling.borrowed_arrays import borrowed
 from ogm_mcmc.sampling.gibbs_kernels import (
     PARTS,
     SLACK,
+    behind_first,
     log_odds_unless_below,
     redirect_rays,
 )
@@ -200,10 +201,18 @@ def add_likelihoods(
         if first_hit <= met[count - 1, 0] >> 8:
             # It ends in the patch at present: look for what is behind.
             i = met[count - 1, 0] & 255
-            _, value = hit_behind(
-                code, corner_column + i % side, corner_row + i // side, cells, marks, lists, near,
-                near_bits, rays, ray_bits, grid,
-            )  # fmt: skip
+            column, row = corner_column + i % side, corner_row + i // side
+            if first_hit == met[count - 1, 0] >> 8:
+                _, value = behind_first(
+                    code, column, row, cells, records, bits, marks, lists, near, near_bits, rays,
+                    ray_bits, grid,
+                )  # fmt: skip
+            elif records[ray, 2] > met[count - 1, 0] >> 8:
+                value = bits[ray, 3]
+            else:
+                _, value = hit_behind(
+                    code, column, row, cells, marks, lists, near, near_bits, rays, ray_bits, grid
+                )
             outside = np.float64(value)
         level = np.float64(ray_bits[ray, LEVEL])
         for word in range(n_words):

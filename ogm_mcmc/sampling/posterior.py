@@ -35,7 +35,7 @@ LEAST_LOOK = 8
 """What is settled is not told by fewer sweeps."""
 
 FRESH = 2
-"""So many sweeps draw everything after each change of the focus, before it holds."""
+"""So many sweeps draw everything after the last change of the focus, before any counts."""
 
 END_LOOKS = (4, 5, 6, 7)
 """After so many eighths of a burn-in chains are asked whether it may end."""
@@ -157,11 +157,11 @@ class PosteriorSampler:
     which a ray arrives. Which these are is decided in the burn-in, after 8 of its sweeps, 16, ...
     and two before its end, from all but the first quarter of the sweeps up to then; no sweep that
     counts has a say. Were the focus to follow the counts it would bias them: a cell that happened
-    to stay free is drawn seldom from then on, and would keep what it was chosen for. So after each
-    decision two sweeps draw everything, and then every cell has a fixed chance to be drawn, in all
-    counted sweeps the same, which leaves the posterior as it is. A burn-in of fewer than ten
-    sweeps tells too little: all sweeps draw everything. Of cells that move the probability that
-    they were drawn with is counted, not what was drawn; see the design note of
+    to stay free is drawn seldom from then on, and would keep what it was chosen for. So after the
+    last decision two sweeps draw everything, and then every cell has a fixed chance to be drawn,
+    in all counted sweeps the same, which leaves the posterior as it is. A burn-in of fewer than
+    ten sweeps tells too little: all sweeps draw everything. Of cells that move the probability
+    that they were drawn with is counted, not what was drawn; see the design note of
     `ogm_mcmc.sampling.patch_gibbs`.
 
     Sweeps of the burn-in are counted apart, for a map to show before there are others; see
@@ -273,7 +273,9 @@ class PosteriorSampler:
             arrives = self.arrival(mean)[self.model.touched] >= ARRIVES
             self.look_at(chain, done, np.stack((moving & arrives, moving)))
         focus = self.focus.get(chain)
-        return None if focus is None or done < focus.after + FRESH else focus.places
+        if focus is None or self.burn_in - FRESH <= done < self.burn_in:
+            return None
+        return focus.places
 
     def decides_after(self, done: int) -> bool:
         """Whether it is decided after so many sweeps where to look most: in the burn-in only."""

@@ -173,8 +173,8 @@ class TileSampler:
         look_again(again[:count], behind, state.cells, local, state.records)
 
     def first_hits(self, cells: UInt8Array, behind: Float32Array) -> AnyArray:
-        """Return records (n, 2) int32 of the box's cells, given what lies outside."""
-        records = np.empty((self.rays.local.n_rays, 2), np.int32)
+        """Return records (n, 4) int32 of the box's cells, given what lies outside."""
+        records = np.empty((self.rays.local.n_rays, 4), np.int32)
         look_again(self._every, behind, cells, self.rays.local, records)
         return records
 

@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 
 from ogm_mcmc.geometry.traversal_kernels import SHIFT
-from ogm_mcmc.sampling.gibbs_kernels import redirect_rays
+from ogm_mcmc.sampling.gibbs_kernels import UNTOLD, redirect_rays
 from ogm_mcmc.sampling.ray_index_kernels import NOTHING, WIDTH, likelihood_there
 from ogm_mcmc.sampling.ray_line_kernels import (
     BORDER,
@@ -105,6 +105,7 @@ def look_again(numbers, behind, cells, index, records):
     for j in range(numbers.size):
         ray = numbers[j]
         value = behind[ray]
+        records[ray, 2] = UNTOLD
         if np.isnan(value):
             records[ray, 0], bits[ray, 1] = STOPPED, 0.0
             continue
@@ -148,6 +149,8 @@ def go_on(
             count += 1
         elif first == NOTHING:
             bits[ray, 1] = value
+        elif records[ray, 2] == NOTHING:
+            bits[ray, 3] = value
     for j in range(changed.size):
         cell = np.int64(changed[j])
         cells[cell] = 1 - cells[cell]

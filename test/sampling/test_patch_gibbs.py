@@ -1,10 +1,12 @@
 """The patch sampler: scores against its slow twin, records, sizes, orders and limits."""
 
+import inspect
 import math
 
 import numpy as np
 import pytest
 from support import naive_patch_sampler as naive
+from support.kept_hits import assert_hits_are_those_of_the_map
 from support.patch_windows import (
     HEIGHT,
     MODELS,
@@ -20,7 +22,7 @@ from support.strategies import fan
 from ogm_mcmc.config import WindowConfig
 from ogm_mcmc.errors import GridError, PriorError, WindowError
 from ogm_mcmc.geometry import CellBox, PlacedScan, Pose2D
-from ogm_mcmc.sampling import RayWindow
+from ogm_mcmc.sampling import RayWindow, patch_gibbs
 from ogm_mcmc.sampling.patch_gibbs import PatchModel
 from ogm_mcmc.sampling.patch_gibbs_kernels import add_likelihoods, scratch, sweep_patches
 from ogm_mcmc.sampling.patch_prior import make_table
@@ -86,17 +88,18 @@ def test_records_equal_a_rescan(name, order, random_share, flip_cells, buildings
     rim = np.ones((height, width), bool)
     rim[1:-1, 1:-1] = False
     at_rim = state.cells.reshape(height, width)[rim].copy()
-    flips = 0
+    flips = behind = 0
     for sweep in range(40):
         before = state.cells.copy()
         told = sampler.advance(rng, state, settling=sweep % 2 == 0)
         assert told >= np.count_nonzero(before != state.cells)
         flips += told
-        assert np.array_equal(state.records, sampler.start(state.cells).records)
+        behind += assert_hits_are_those_of_the_map(state, index, width)
         assert sampler.log_likelihood(state) == pytest.approx(
             naive.log_likelihood(rays, state.cells.tolist()), abs=1e-4
         )
     assert flips > 40
+    assert behind > 40
     assert np.array_equal(state.cells.reshape(height, width)[rim], at_rim)
 
 
@@ -131,7 +134,7 @@ def test_what_is_not_sampled_is_solid_and_stays(buildings):
         for _ in range(5):
             sampler.advance(rng, state)
         assert state.cells[outside].all()
-        assert np.array_equal(state.records, sampler.start(state.cells).records)
+        assert_hits_are_those_of_the_map(state, sampler.index, width)
 
 
 @pytest.mark.parametrize(('prior', 'size'), [('border', 1), ('patch', 1), ('patch', 25)])
@@ -149,7 +152,7 @@ def test_other_sizes_run_and_keep_their_records(prior, size, buildings):
     for _ in range(20):
         sampler.advance(rng, state)
     assert (before != state.cells).any()
-    assert np.array_equal(state.records, sampler.start(state.cells).records)
+    assert_hits_are_those_of_the_map(state, sampler.index, width)
 
 
 @pytest.mark.parametrize(
@@ -194,6 +197,31 @@ def test_random_order_draws_as_many_patches_anywhere():
     assert {corners.size for corners in drawn} == {13 * 10 // 9}
     rows, columns = np.divmod(np.unique(np.concatenate(drawn)), 17)
     assert (rows.min(), rows.max(), columns.min(), columns.max()) == (1, 10, 1, 13)
+
+
+@pytest.mark.parametrize(
+    ('settling', 'looking', 'expected'),
+    [(True, True, 0.25), (False, False, 0.25), (False, True, 1.0 / 16.0)],
+)
+def test_patches_are_drawn_whole_more_seldom_where_sweeps_count(
+    settling, looking, expected, monkeypatch, buildings
+):
+    width = 40
+    index = window_of(two_scans(), width, 30, cut_sigma=1.0).index
+    sampler = PatchModel(index, width, table_of('border', buildings), margin=3, flip_cells=True)
+    shares = []
+    kernel = getattr(sweep_patches, 'py_func', sweep_patches)
+    at = list(inspect.signature(kernel).parameters).index('whole_share')
+    monkeypatch.setattr(
+        patch_gibbs, 'sweep_patches',
+        lambda *given: shares.append(given[at]) or 0,
+    )  # fmt: skip
+    doubt = np.zeros(index.n_cells, np.bool_)
+    doubt[sampler.touched[:9]] = True
+    state = sampler.start(np.zeros(index.n_cells, np.uint8))
+    focus = sampler.focus(doubt, doubt) if looking else None
+    sampler.advance(np.random.default_rng(1), state, settling=settling, focus=focus)
+    assert set(shares) == {expected}
 
 
 def test_windows_and_maps_of_the_wrong_size():

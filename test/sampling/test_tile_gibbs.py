@@ -1,6 +1,7 @@
 """Draws of a tile: what is kept between them changes nothing."""
 
 import numpy as np
+from support.kept_hits import assert_hits_are_those_of_the_map
 from support.local_tiles import MODEL, PRIOR, WINDOW, room, some_map, tiled
 
 from ogm_mcmc.sampling import RayWindow
@@ -16,17 +17,21 @@ def test_what_a_tile_keeps_of_a_chain_changes_no_draw():
     fresh, others = tiled(scans, WINDOW, MODEL, tiling, None, log_odds=PRIOR)
     states = [model.start(some_map(model.n_cells, seed, 0.3)) for seed in range(2)]
     again = [fresh.start(state.cells) for state in states]
-    flips = 0
+    flips = told = 0
     for turn in range(8):
         for number in (0, 1):
             if turn == 4:
                 states[number] = states[number].copy()
             flips += model.advance(np.random.default_rng(turn), states[number])
+            for sampler in tiles.samplers:
+                kept = sampler._kept[model._chains.number_of(states[number])[0]]
+                told += assert_hits_are_those_of_the_map(kept, sampler.rays.local, sampler.width)
             for sampler in others.samplers:
                 sampler._kept.clear()
             fresh.advance(np.random.default_rng(turn), again[number])
             assert np.array_equal(states[number].cells, again[number].cells)
             assert np.array_equal(states[number].records, again[number].records, equal_nan=True)
     assert flips > 100
+    assert told > 100
     # No more is kept than there are chains.
     assert all(len(sampler._kept) == 2 for sampler in tiles.samplers)

@@ -45,7 +45,7 @@ def assert_same(one, other):
     assert one.counted == other.counted
     for a, b in zip(one.states, other.states, strict=True):
         assert np.array_equal(a.cells, b.cells)
-        assert np.array_equal(a.records, b.records)
+        assert np.array_equal(a.records[:, :2], b.records[:, :2])
     for a, b in zip(one.counts, other.counts, strict=True):
         assert (a.batch_length, a.full, a.in_last) == (b.batch_length, b.full, b.in_last)
         assert np.array_equal(a.counts, b.counts)
