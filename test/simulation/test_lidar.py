@@ -52,6 +52,18 @@ def test_ranges_are_those_of_the_plain_equations(name):
         assert ranges == pytest.approx(plain_ranges(building.walls, pose, bearings), rel=1e-9)
 
 
+@pytest.mark.parametrize('yaw', [0.0, 2.9, -40.0])
+def test_rising_bearings_find_what_others_find(yaw):
+    """More than one turn of them, few, and from a place on a wall or at its end."""
+    walls, rng = WORLDS['ring']().walls, np.random.default_rng(2)
+    corner, middle = walls[5, :2], 0.5 * (walls[7, :2] + walls[7, 2:])
+    for x, y in (corner, middle, (8.27, 8.28), (-5.0, 3.0)):
+        for bearings in (np.linspace(-4.0, 9.0, 301), np.array([0.5, 0.5, 6.0]), np.empty(0)):
+            order, pose = rng.permutation(bearings.size), Pose2D(float(x), float(y), yaw)
+            ranges = true_ranges(walls, pose, bearings)
+            assert np.array_equal(ranges[order], true_ranges(walls, pose, bearings[order]))
+
+
 def test_nothing_there_is_inf():
     assert np.isinf(true_ranges(ROOM[:1], Pose2D(1.0, 1.0), np.array([0.0, 1.0]))).all()
 
