@@ -28,8 +28,9 @@ __all__ = [
     'warm_up_mapping',
 ]
 
-# As if so many more beams had passed each cell: few that ended in it say little for certain.
-DOUBTED = 20
+# As if so many more beams had passed each cell: few that ended in it say little for certain, less
+# still where readings may be those of other cells.
+DOUBTED_SHARP, DOUBTED = 5.0, 20.0
 
 
 def map_of(
@@ -54,11 +55,17 @@ def live_map(scans: Iterable[PlacedScan], window: WindowConfig) -> GridMap:
 class Reflections(NamedTuple):
     """What cells reflected of the beams a window takes ([slides]); nan where no beam came.
 
-    share  of the beams that reached a cell; least: the same, had `DOUBTED` more passed it
+    share  of the beams that reached a cell; beams: how many these were
     """
 
     share: GridMap
-    least: GridMap
+    beams: GridMap
+
+    def least(self, blur: float) -> GridMap:
+        """Return the share, had more passed: up to `DOUBTED` for a blur of 1 (`blur_of`)."""
+        share, beams = self.share.probability, self.beams.probability
+        doubted = np.float32(DOUBTED_SHARP + blur * (DOUBTED - DOUBTED_SHARP))
+        return GridMap(self.share.spec, share * beams / (beams + doubted))
 
 
 def reflection_map(
@@ -69,9 +76,8 @@ def reflection_map(
     add_scans('counting', method, _of_beams(scans, window))
     share = method.reflection(method.spec.box)
     hits, misses = method.counts(method.spec.box)
-    beams = hits.astype(np.float64) + misses
-    least = (share * beams / (beams + DOUBTED)).astype(np.float32)
-    maps = (GridMap(method.spec, one) for one in (share, least))
+    beams = (hits.astype(np.float64) + misses).astype(np.float32)
+    maps = (GridMap(method.spec, one) for one in (share, beams))
     return Reflections(*(one if box is None else one.windowed(box) for one in maps))
 
 

@@ -41,7 +41,7 @@ import numpy as np
 from ogm_mcmc.arrays import BoolArray, Float64Array, Int64Array
 from ogm_mcmc.config import ForwardModelConfig
 
-__all__ = ['Spread', 'contradicted', 'spread_of']
+__all__ = ['Spread', 'blur_of', 'contradicted', 'spread_of']
 
 # So many others passed through the cell of a reading that is contradicted, and so many for each
 # that ended beside it.
@@ -55,6 +55,11 @@ SEEN_BEFORE = 10.0
 
 # Sigma is within so many cells.
 LEAST_CELLS, MOST_CELLS = 0.2, 4.0
+
+
+# Up to a sigma of so many cells a reading is of the cell that it ends in; from so many on it may
+# as well be of others.
+SHARP_CELLS, BLURRED_CELLS = 0.5, 0.85
 
 
 class Spread(NamedTuple):
@@ -73,6 +78,21 @@ class Spread(NamedTuple):
     def __str__(self) -> str:
         """Return `0.0168 m (0.0150 to 0.0190)`."""
         return f'{self.mean:.4f} m ({self.low_95:.4f} to {self.high_95:.4f})'
+
+
+def blur_of(sigma_m: float, resolution_m: float) -> float:
+    """Return how far what a cell reflected may be what others did: 0 not, 1 as likely as not.
+
+    Design note. A cell drawn solid in every map that let half of its beams pass is 0.1 less
+    sure by the weight of reflections. Where poses err that is right: Intel, even beams mapped,
+    loses 0.058 of 1.289 nats without it. Where readings are exact within a cell it is the rim of a
+    wall, and solid: without it the demo office's calibration error is 0.0021 instead of 0.0034
+    with 5 % of the beams (live 0.0027), 0.0030 instead of 0.0041 with all (live 0.0030).
+    So, too, is a cell that many beams ended in surely solid: with 5 beams instead of 20 for doubt
+    (`at_least`) the office with all beams has F1 at 0.5 of 0.964 instead of 0.959, 70 sweeps.
+    """
+    cells = sigma_m / resolution_m
+    return min(max((cells - SHARP_CELLS) / (BLURRED_CELLS - SHARP_CELLS), 0.0), 1.0)
 
 
 def contradicted(misses: Int64Array, others: Int64Array) -> BoolArray:

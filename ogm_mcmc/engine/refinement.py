@@ -30,6 +30,7 @@ from ogm_mcmc.engine.live_map import (
 from ogm_mcmc.engine.no_returns import NoReturnChoice, NoReturns, no_return_of
 from ogm_mcmc.engine.posterior import Grown, patch_prior, posterior_model
 from ogm_mcmc.engine.progress import IndexSize, Progress
+from ogm_mcmc.engine.range_spread import blur_of
 from ogm_mcmc.engine.recording import fingerprint
 from ogm_mcmc.engine.sampling_rounds import SamplingRounds
 from ogm_mcmc.engine.saved_chains import load_chains, save_chains, saved_settings
@@ -322,7 +323,8 @@ class Refinement:
         """Return the probabilities on the window, nan where no ray ever came.
 
         The mean of draws, with the live map as one more, the share of beams that cells reflected
-        with its weight, `chain.reflecting`, and at least what that share is of many beams.
+        with its weight, `chain.reflecting`, and at least what that share is of many beams, both
+        as far as readings are of the cells that they end in (`blur_of`).
         `of` draws of the burn-in as of those that count: few draws are completed best, Intel,
         every second beam mapped, nats a held-out beam, draws alone and completed: .915, 1.258
         after one sweep, .973, 1.281 after four, 1.000, 1.286 after seven; the live map .912.
@@ -332,8 +334,10 @@ class Refinement:
         found = with_one_more_draw(self.drawn_map(of), live, of.draws)
         if reflection is None:
             return found
-        found = with_share_of(found, reflection.share, self.config.chain.reflecting)
-        return at_least(found, reflection.least)
+        blur = blur_of(self.model.sigma_m, self.config.window.resolution)
+        weight = self.config.chain.reflecting
+        found = with_share_of(found, reflection.share, weight, lowering=blur * weight)
+        return at_least(found, reflection.least(blur))
 
     def drawn_map(self, of: Estimate | None = None) -> GridMap:
         """Return the mean of the draws alone on the window, nan where no ray ever came."""

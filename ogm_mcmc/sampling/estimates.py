@@ -125,8 +125,12 @@ def with_one_more_draw(mean: GridMap, guess: GridMap, draws: int) -> GridMap:
     return with_share_of(mean, GridMap(mean.spec, bounded), 1.0 / (draws + 1))
 
 
-def with_share_of(mean: GridMap, other: GridMap, share: float) -> GridMap:
+def with_share_of(
+    mean: GridMap, other: GridMap, share: float, lowering: float | None = None
+) -> GridMap:
     """Return a map of which `other`, nan for none, has a share: (1 - share) mean + share other.
+
+    Where that would lower the mean it has the share `lowering` instead, if any is given.
 
     Design note. A sampler holds cells for solid or free. Where the edge of a wall runs through a
     cell, or beams pass glass and legs, some are reflected and others pass: it calls such cells
@@ -164,7 +168,11 @@ def with_share_of(mean: GridMap, other: GridMap, share: float) -> GridMap:
     calibration error to 0.015: one beam through a free cell leaves it at 0.2.
     """
     p, q = mean.probability, other.probability
-    mixed = (1.0 - share) * p + share * q
+    weight: AnyArray | float = share
+    if lowering is not None:
+        with np.errstate(invalid='ignore'):
+            weight = np.where(q < p, np.float32(lowering), np.float32(share))
+    mixed = (1.0 - weight) * p + weight * q
     return GridMap(mean.spec, np.where(np.isnan(q), p, mixed).astype(np.float32))
 
 

@@ -1,11 +1,15 @@
 """Sigma from the share of others that passed the cell of a reading."""
 
+import math
+
 import numpy as np
 import pytest
+from support.refinements import lattice_map
 from support.strategies import fan
 
 from ogm_mcmc.config import ChainConfig, ForwardModelConfig, SamplerConfig, WindowConfig
 from ogm_mcmc.config.nodes import NodeModelConfig
+from ogm_mcmc.engine.live_map import DOUBTED, DOUBTED_SHARP, Reflections
 from ogm_mcmc.engine.range_spread import (
     LEAST_CELLS,
     MOST_CELLS,
@@ -13,6 +17,7 @@ from ogm_mcmc.engine.range_spread import (
     Spread,
     _cells,
     _share,
+    blur_of,
     spread_of,
 )
 from ogm_mcmc.engine.sensor_fit import fit_sensor
@@ -109,3 +114,13 @@ def test_a_wide_sigma_makes_readings_further_off_confirm_each_other():
     )
     assert fitted[0].sigma > 1.5 * DEFAULT == 1.5 * default[0].sigma
     assert fitted[1].clutter.mean < default[1].clutter.mean
+
+
+def test_readings_are_of_their_own_cell_up_to_half_a_cell():
+    found = [blur_of(cells * 0.1, 0.1) for cells in (0.1, 0.5, 0.675, 0.85, 3.0)]
+    assert found == pytest.approx([0.0, 0.0, 0.5, 1.0, 1.0])
+    share, beams = (lattice_map([[value, math.nan]]) for value in (0.5, 15.0))
+    some = Reflections(share, beams)
+    assert some.least(0.0).probability[0, 0] == pytest.approx(0.5 * 15 / (15 + DOUBTED_SHARP))
+    assert some.least(1.0).probability[0, 0] == pytest.approx(0.5 * 15 / (15 + DOUBTED))
+    assert math.isnan(some.least(0.5).probability[0, 1])

@@ -17,6 +17,7 @@ from ogm_mcmc.config import (
 )
 from ogm_mcmc.config.nodes import RefineSamplerConfig
 from ogm_mcmc.engine.live_map import DOUBTED, live_map, reflection_map
+from ogm_mcmc.engine.range_spread import blur_of
 from ogm_mcmc.engine.refined_map import RefinedMap
 from ogm_mcmc.engine.refinement import Refinement
 from ogm_mcmc.geometry import PlacedScan, Pose2D
@@ -92,10 +93,12 @@ def test_the_share_of_beams_that_a_cell_reflected_has_its_weight():
     plain, found = (one.map().probability for one in (of_draws, mixed))
     spec = mixed.window.spec
     counted = reflection_map([FIRST, SECOND], mixed.config.window, spec.box)
-    reflected, least = (one.probability for one in counted)
+    blur = blur_of(mixed.model.sigma, mixed.config.window.resolution)
+    reflected, least = counted.share.probability, counted.least(blur).probability
     known = np.isfinite(reflected) & np.isfinite(plain)
     assert {0.0, 1.0} <= set(reflected[known])
-    expected = np.maximum(0.9 * plain + 0.1 * reflected, least)
+    weight = np.where(reflected < plain, 0.1 * blur, 0.1)
+    expected = np.maximum((1.0 - weight) * plain + weight * reflected, least)
     assert found[known] == approx(expected[known], abs=1e-6)
     assert np.array_equal(found[~known], plain[~known], equal_nan=True)
     # Scans that come later have their share, too.
@@ -127,14 +130,15 @@ def test_the_map_of_a_burn_in_is_made_as_that_of_counted_draws():
     refinement.take(scans)
     window, spec = refinement.config.window, refinement.window.spec
     live = live_map(scans, window).windowed(spec.box).probability
-    reflected, least = (one.probability for one in reflection_map(scans, window, spec.box))
+    counted = reflection_map(scans, window, spec.box)
+    reflected, least = counted.share.probability, counted.least(0.0).probability
     for sweeps, draws in ((0, 2), (1, 2), (4, 6)):
         refinement.sampler.advance(sweeps)
         of = refinement.sampler.present_estimate()
         assert (of.sweeps, of.draws) == (0, draws)
         p = refinement.drawn_map(of).probability
         p = np.where(np.isnan(live), p, (draws * p + live) / (draws + 1))
-        p = np.fmax(np.where(np.isnan(reflected), p, 0.8 * p + 0.2 * reflected), least)
+        p = np.fmax(np.where(reflected > p, 0.8 * p + 0.2 * reflected, p), least)
         found = refinement.map(of).probability
         seen = np.isfinite(found)
         assert found[seen] == approx(p[seen], abs=1e-6)
