@@ -60,8 +60,10 @@ def placed_scans(
 
 
 def say(line: str) -> None:
-    """Print a line for people beside whatever bar there is."""
-    tqdm.write(line, file=sys.stderr)
+    """Print a line for people beside whatever bar there is; one that is lost costs no work."""
+    with contextlib.suppress(OSError):
+        tqdm.write(line, file=sys.stderr)
+        sys.stderr.flush()
 
 
 def read_bag(

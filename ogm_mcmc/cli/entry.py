@@ -1,5 +1,6 @@
 """Entry point of the installed script and of `python3 -m ogm_mcmc`."""
 
+import os
 import sys
 
 from ogm_mcmc.engine.signals import leave_on_signals, stop_a_little_later
@@ -11,6 +12,7 @@ def main() -> None:
     """Run a command; quiet on Ctrl-C even while modules are imported or kernels compiled."""
     sys.unraisablehook = stop_a_little_later
     try:
+        _open_closed_streams()
         leave_on_signals()
         from ogm_mcmc.cli.main import run
 
@@ -18,3 +20,17 @@ def main() -> None:
     except KeyboardInterrupt:
         code = 130
     sys.exit(code)
+
+
+def _open_closed_streams() -> None:
+    """Where a standard stream was closed, let nothing come in and all that is said be lost.
+
+    Or the next file opened would take its number, and hold what is meant for the stream.
+    """
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # takes the least number that is free
+    sys.stdout = sys.stdout or os.fdopen(1, 'w', encoding='utf-8', closefd=False)
+    sys.stderr = sys.stderr or os.fdopen(2, 'w', encoding='utf-8', closefd=False)

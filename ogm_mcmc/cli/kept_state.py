@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
 
+from ogm_mcmc.cli.bag_scans import say
 from ogm_mcmc.engine.refinement import Refinement
 from ogm_mcmc.errors import OutputError
 from ogm_mcmc.files.output_files import makeable_folder, refuse_folder, writable_folder
@@ -61,11 +61,11 @@ class KeptState:
             writable_folder(self.path.parent)
             self.refinement.save(self.path)
         except OutputError as error:
-            print(f'warning: the state is not saved: {error}', file=sys.stderr)
+            say(f'warning: the state is not saved: {error}')
             return error
         return None
 
     def rescue(self) -> None:
         """Write the file because sampling cannot go on, and say so."""
         if self.path is not None and self.attempt() is None:
-            print(f'note: the sweeps done so far are in {self.path}', file=sys.stderr)
+            say(f'note: the sweeps done so far are in {self.path}')

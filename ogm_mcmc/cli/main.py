@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import argparse
 import importlib
-import os
 import sys
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 from ogm_mcmc import __version__
-from ogm_mcmc.cli.options import path_argument
+from ogm_mcmc.cli.options import drop_output, path_argument
 from ogm_mcmc.engine.signals import leave_on_signals
 from ogm_mcmc.errors import OgmError
 
@@ -69,6 +68,5 @@ def run(argv: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         return 130
     except BrokenPipeError:
-        # Whoever read our output has gone; nothing is left to say, also not at exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        drop_output()  # whoever read it has gone
         return 1

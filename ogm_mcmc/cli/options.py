@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeVar
@@ -19,7 +21,7 @@ from ogm_mcmc.config import (
 from ogm_mcmc.config.nodes import NODE_CONFIGS
 from ogm_mcmc.config.pose_sources import OFFLINE_POSE_SOURCES, POSE_SOURCES_TEXT
 from ogm_mcmc.engine.stream_choice import StreamChoice
-from ogm_mcmc.errors import ConfigError, OgmError
+from ogm_mcmc.errors import ConfigError, OgmError, OutputError
 from ogm_mcmc.files.user_paths import user_path
 from ogm_mcmc.io.map_images import MOST_CELLS
 from ogm_mcmc.io.parameter_files import read_parameter_file
@@ -32,6 +34,7 @@ __all__ = [
     'add_scheduler',
     'add_stream_options',
     'config_from',
+    'drop_output',
     'path_argument',
     'print_result',
     'require_matplotlib',
@@ -100,8 +103,19 @@ def require_matplotlib() -> None:
 
 
 def print_result(options: argparse.Namespace, values: dict[str, Any], text: str) -> None:
-    """Print for machines or for people."""
-    print(json.dumps(values) if options.json else text)
+    """Print for machines or for people. Raises OutputError where that is not possible."""
+    try:
+        print(json.dumps(values) if options.json else text, flush=True)
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        drop_output()
+        raise OutputError(f'standard output: cannot be written ({error.strerror})') from error
+
+
+def drop_output() -> None:
+    """Have whatever is left to print forgotten, also at exit."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def add_config_options(

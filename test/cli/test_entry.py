@@ -1,4 +1,7 @@
-"""Ctrl-C where Python cannot raise: inside a callback from C, as when Numba compiles."""
+"""Ctrl-C where Python cannot raise: inside a callback from C, as when Numba compiles.
+
+And standard streams that are closed.
+"""
 
 import os
 import signal
@@ -40,3 +43,27 @@ def test_a_stop_inside_a_callback_is_not_lost_and_not_loud(how, code):
     )
     assert done.returncode == code, done.stderr
     assert done.stderr == ''
+
+
+CLOSED = """
+import os, sys
+from ogm_mcmc.cli import entry, main
+
+def run(argv=None):
+    with open(sys.argv[1], 'wb') as own:
+        print('a note', file=sys.stderr)
+        print('a result')
+        own.write(str(own.fileno()).encode())
+    return 0
+
+main.run = run
+entry.main()
+"""
+
+
+def test_closed_streams_are_not_taken_by_files(tmp_path):
+    """With `2>&-` no map was made, and the first file opened took the place of the stream."""
+    shell = f'exec "$0" -c "$1" "{tmp_path}/own" 0<&- 1>&- 2>&-'
+    done = subprocess.run(['sh', '-c', shell, sys.executable, CLOSED], timeout=60)
+    assert done.returncode == 0
+    assert int((tmp_path / 'own').read_text()) > 2

@@ -1,8 +1,11 @@
-"""Which commands there are, and which of them are imported."""
+"""Which commands there are, which of them are imported, and what happens to what they print."""
+
+import sys
 
 import pytest
 
 from ogm_mcmc.cli import main
+from ogm_mcmc.cli.bag_scans import say
 
 
 def commands(parser):
@@ -39,3 +42,29 @@ def test_otherwise_all_of_them_are_named(words, capsys):
         assert all(f"'{command}'" in printed.err for command in main.COMMANDS)
     else:
         assert 'required: COMMAND' in printed.err
+
+
+@pytest.fixture
+def full():
+    """A stream on a disk that is full."""
+    with open('/dev/full', 'w') as stream:
+        yield stream
+        stream.buffer.raw.close()  # or the rest would be tried again
+
+
+def test_output_that_cannot_be_written_is_one_line(full, tmp_path, monkeypatch, capsys):
+    poses = tmp_path / 'poses.tum'
+    poses.write_text('20.0 1 2 0 0 0 0 1\n21.0 1 3 0 0 0 0 1\n')
+    dropped = []
+    monkeypatch.setattr('ogm_mcmc.cli.options.drop_output', lambda: dropped.append(1))
+    monkeypatch.setattr(sys, 'stdout', full)
+    assert main.run(['info', str(poses)]) == 2
+    assert dropped == [1]
+    error = 'ogm_mcmc info: error: standard output: cannot be written (No space left on device)\n'
+    assert capsys.readouterr().err == error
+
+
+def test_a_note_that_cannot_be_written_costs_no_work(full, monkeypatch):
+    """A map was not made because standard error was on a full disk."""
+    monkeypatch.setattr(sys, 'stderr', full)
+    say('poses from /pose')
