@@ -85,10 +85,7 @@ class LikelihoodField:
         log_p = np.empty(len(poses))
         field_fits(
             self.distances,
-            spec.in_cells(poses),
-            bearings,
-            ranges * cells,
-            reach * cells,
+            *spec.scan_in_cells(poses, bearings, ranges, reach),
             n.hit,
             # per metre there, per cell here
             n.clutter * cells,
@@ -123,10 +120,7 @@ class CastBeams:
         log_p = np.empty(len(poses))
         cast_fits(
             self.blocked,
-            spec.in_cells(poses),
-            bearings,
-            ranges * cells,
-            reach * cells,
+            *spec.scan_in_cells(poses, bearings, ranges, reach),
             n.hit,
             n.short * cells,
             n.missing,
@@ -163,7 +157,7 @@ class SampleBeams:
         self, poses: Float64Array, bearings: Float64Array, ranges: Float64Array, reach: float
     ) -> Float64Array:
         """Sums over beams (M,), nats, or of the whole scan by `power`; see `ScanFit`."""
-        spec, m = self.bits.spec, self.model
+        spec = self.bits.spec
         cells = 1.0 / spec.resolution_m
         log_p = np.empty(len(poses))
         sample_fits(
@@ -173,15 +167,8 @@ class SampleBeams:
             self.prior,
             self.jointly,
             self.power,
-            spec.in_cells(poses),
-            bearings,
-            ranges * cells,
-            reach * cells,
-            m.depth,
-            m.hit,
-            m.clutter,
-            m.missing,
-            m.sigma_m * cells,
+            *spec.scan_in_cells(poses, bearings, ranges, reach),
+            *self.model.mixture(cells),
             log_p,
         )
         power = self.power if self.jointly else 1.0

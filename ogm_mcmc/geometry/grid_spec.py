@@ -154,3 +154,13 @@ class GridSpec:
         found = np.array(places, np.float64, order='C')
         found[:, :2] = (found[:, :2] - (self.origin_x_m, self.origin_y_m)) / self.resolution_m
         return found
+
+    def scan_in_cells(
+        self, poses: Float64Array, bearings: Float64Array, ranges: Float64Array, reach: float
+    ) -> tuple[Float64Array, Float64Array, Float64Array, float]:
+        """Return a scan at poses (M, 3) as kernels take it: all lengths in cells.
+
+        bearings, ranges  (B,) rad and m; reach  range_max, m
+        """
+        cells = 1.0 / self.resolution_m
+        return self.in_cells(poses), bearings, ranges * cells, reach * cells

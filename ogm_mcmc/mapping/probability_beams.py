@@ -40,21 +40,14 @@ class ProbabilityBeams:
         self, poses: Float64Array, bearings: Float64Array, ranges: Float64Array, reach: float
     ) -> Float64Array:
         """Sums over beams (M,), nats, at poses (M, 3); bearings (B,) rad, ranges (B,) m."""
-        spec, m = self.grid_map.spec, self.model
+        spec = self.grid_map.spec
         cells = 1.0 / spec.resolution_m
         log_p = np.empty(len(poses))
         probability_fits(
             np.require(self.grid_map.probability, np.float32, ('C', 'W')),
             self.prior,
-            spec.in_cells(poses),
-            bearings,
-            ranges * cells,
-            reach * cells,
-            m.depth,
-            m.hit,
-            m.clutter,
-            m.missing,
-            m.sigma_m * cells,
+            *spec.scan_in_cells(poses, bearings, ranges, reach),
+            *self.model.mixture(cells),
             log_p,
         )
         return log_p + per_metre(ranges, reach, cells)

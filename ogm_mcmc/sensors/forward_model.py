@@ -64,6 +64,10 @@ class ForwardModel(NamedTuple):
         """Whether p(z) is a mixture of hits, clutter and missing returns, and of no more."""
         return not self.is_gaussian and self.short == 0.0
 
+    def mixture(self, cells_per_m: float) -> tuple[float, float, float, float, float]:
+        """Return depth, hit, clutter, missing and sigma in cells, as kernels take a plain one."""
+        return self.depth, self.hit, self.clutter, self.missing, self.sigma_m * cells_per_m
+
     def log_likelihood(self, reading_m: float, reach_m: float, distance_m: float) -> float:
         """Nats; `reading_m` may be inf (no return), `distance_m` inf (nothing on the ray)."""
         return float(range_log_likelihood(self, reading_m, reach_m, distance_m))

@@ -95,16 +95,12 @@ class WorldFit(NamedTuple):
     ) -> Float64Array:
         """See `ScanFit`."""
         spec = self.world.spec
-        cells_per_m = 1.0 / spec.resolution_m
         log_likelihoods = np.empty(len(poses))
         scan_log_likelihoods(
             self.world.occupied,
-            spec.in_cells(poses),
-            bearings,
-            ranges * cells_per_m,
-            reach * cells_per_m,
+            *spec.scan_in_cells(poses, bearings, ranges, reach),
             self.depth,
-            self.sigma_m * cells_per_m,
+            self.sigma_m / spec.resolution_m,
             self.clutter,
             self.missing,
             log_likelihoods,
