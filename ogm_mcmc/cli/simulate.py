@@ -8,9 +8,9 @@ With sonars BAG_sonars.yaml says where they sit, as `map --params-file` takes it
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from tqdm import tqdm
@@ -37,10 +37,8 @@ from ogm_mcmc.io.trajectory_files import write_tum
 from ogm_mcmc.io.world_files import WORLD_NAMES, write_poses
 from ogm_mcmc.simulation import (
     Building,
-    DrivenScan,
     GridWorld,
     Lidar,
-    LocalizedScan,
     SonarRing,
     rasterised,
     record,
@@ -76,29 +74,29 @@ def run(options: argparse.Namespace) -> int:
     check_sensor_options(options)
     check_world_options(options)
     check_drive_options(options)
-    sensor, truth, scans = _recording(options)
-    output = options.output
+    simulated = _simulated(options)
+    output, ring = options.output, simulated.ring
     if not output.name:
         raise OutputError(f'{output}: expected the name of a bag')
-    beside = _files_beside(options, sensor)
+    beside = _files_beside(options)
     makeable_folder(output.parent)
     poses: dict[int, Pose2D] = {}
     nodes: list[int] = []
-    with tqdm(scans, unit=' scans', desc='simulate', disable=None) as bar:
-        count = _write_bag(options, sensor, _noted(bar, sensor, poses, nodes))
+    with tqdm(simulated.scans, unit=' scans', desc='simulate', disable=None) as bar:
+        count = simulated.write(_noted(bar, simulated.truth_of, poses, nodes))
     write_poses(beside['poses'], poses.items())
     if options.drive:
         write_tum(beside['trajectory'], nodes, (poses[stamp_ns] for stamp_ns in nodes))
     elif options.overwrite:
         _beside(output, '_trajectory.tum').unlink(missing_ok=True)
-    if isinstance(sensor, SonarRing):
-        write_sonar_parameters(beside['sonars'], sensor)
+    if ring is not None:
+        write_sonar_parameters(beside['sonars'], ring)
     elif options.overwrite:
         _beside(output, '_sonars.yaml').unlink(missing_ok=True)  # of the bag replaced
-    save_map(truth, output.parent, OutputConfig(), f'{output.name}_truth')
+    save_map(simulated.truth, output.parent, OutputConfig(), f'{output.name}_truth')
     told = {name: str(path) for name, path in beside.items() if name not in ('pgm', 'png')}
     result = {'bag': str(output), 'scans': count, 'seed': options.seed, **told}
-    what = 'readings' if isinstance(sensor, SonarRing) else 'scans'
+    what = 'scans' if ring is None else 'readings'
     text = f'{count} {what} -> {output} (seed {options.seed}); truth: '
     print_result(options, result, text + ', '.join(told.values()))
     return 0
@@ -108,13 +106,13 @@ def _beside(output: Path, suffix: str) -> Path:
     return output.with_name(output.name + suffix)
 
 
-def _files_beside(options: argparse.Namespace, sensor: Lidar | SonarRing) -> dict[str, Path]:
+def _files_beside(options: argparse.Namespace) -> dict[str, Path]:
     """Return the files to come. Raises OutputError where one is there and may not be replaced."""
     suffixes = {'pgm': '_truth.pgm', 'truth': '_truth.yaml', 'png': '_truth.png'}
     suffixes['poses'] = '_poses.csv'
     if options.drive:
         suffixes['trajectory'] = '_trajectory.tum'
-    if isinstance(sensor, SonarRing):
+    if options.sensor == 'sonar':
         suffixes['sonars'] = '_sonars.yaml'
     beside = {name: _beside(options.output, suffix) for name, suffix in suffixes.items()}
     for path in beside.values():
@@ -126,23 +124,27 @@ def _files_beside(options: argparse.Namespace, sensor: Lidar | SonarRing) -> dic
     return beside
 
 
-def _write_bag(
-    options: argparse.Namespace, sensor: Lidar | SonarRing, scans: Iterator[Any]
-) -> int:
-    """Write the bag; return the number of scans or readings."""
-    output, overwrite = options.output, options.overwrite
-    if options.drive:
-        return write_drive(output, scans, overwrite=overwrite)
-    if options.localize:
-        return write_localized(output, scans, particles=options.particles, overwrite=overwrite)
-    if isinstance(sensor, SonarRing):
-        return write_sonar_recording(output, scans, sensor.mounts(), overwrite=overwrite)
-    return write_recording(output, scans, overwrite=overwrite)
+class _Truth(NamedTuple):
+    """The robot's true pose at the stamp of a scan; whether a SLAM system keeps it."""
+
+    stamp_ns: int
+    pose: Pose2D
+    is_node: bool = False
+
+
+class _Simulated(NamedTuple):
+    """The true map, the scans to come, what holds of each, how they are written; the sonars."""
+
+    truth: GridMap
+    scans: Iterator[Any]
+    truth_of: Callable[[Any], _Truth]
+    write: Callable[[Iterator[Any]], int]
+    ring: SonarRing | None = None
 
 
 def _noted(
     scans: Iterable[Any],
-    sensor: Lidar | SonarRing,
+    truth_of: Callable[[Any], _Truth],
     poses: dict[int, Pose2D],
     nodes: list[int],
 ) -> Iterator[Any]:
@@ -150,45 +152,82 @@ def _noted(
 
     Sonars of one stamp share the pose.
     """
-    mounts = sensor.mounts() if isinstance(sensor, SonarRing) else {}
     for one in scans:
-        if isinstance(one, DrivenScan):
-            scan, pose = one.scan, one.truth
-            if one.is_node:
-                nodes.append(scan.stamp_ns)
-        elif isinstance(one, LocalizedScan):
-            scan, pose = one.placed.scan, one.truth
-        else:
-            scan, pose = one.scan, one.pose
-        if scan.frame_id in mounts:
-            pose = pose.compose(mounts[scan.frame_id].inverse())
-        poses.setdefault(scan.stamp_ns, pose)
+        truth = truth_of(one)
+        if truth.is_node:
+            nodes.append(truth.stamp_ns)
+        poses.setdefault(truth.stamp_ns, truth.pose)
         yield one
 
 
-def _recording(
-    options: argparse.Namespace,
-) -> tuple[Lidar | SonarRing, GridMap, Iterator[Any]]:
-    """Return the sensor, the true map and the scans to come."""
+def _simulated(options: argparse.Namespace) -> _Simulated:
     world = loaded(options)
     cell_m = options.resolution if isinstance(world, Building) else world.spec.resolution_m
-    sensor = sensor_from(options, cell_m)
-    rng = np.random.default_rng(options.seed)
-    if isinstance(sensor, Lidar) and options.drive:
-        return sensor, _truth(options, world), driven(options, world, sensor, rng)
-    if isinstance(world, Building):
-        truth = _truth(options, world)
-        if isinstance(sensor, SonarRing):
-            return sensor, truth, record_with_sonars(world, sensor, rng)
-        return sensor, truth, record(world, sensor, rng)
-    exploration = exploration_from(options, sensor.range_max_m, cell_m)
-    depth = options.depth
+    sensor, rng = sensor_from(options, cell_m), np.random.default_rng(options.seed)
     if isinstance(sensor, SonarRing):
-        scans = record_exploration_with_sonars(world, sensor, exploration, rng, depth=depth)
-        return sensor, _truth(options, world), scans
-    make = record_localized if options.localize else record_exploration
-    return sensor, _truth(options, world), make(world, sensor, exploration, rng, depth=depth)
+        return _by_sonars(options, world, sensor, rng)
+    return _by_lidar(options, world, sensor, rng)
 
 
-def _truth(options: argparse.Namespace, world: Building | GridWorld) -> GridMap:
+def _by_sonars(
+    options: argparse.Namespace,
+    world: Building | GridWorld,
+    ring: SonarRing,
+    rng: np.random.Generator,
+) -> _Simulated:
+    if isinstance(world, Building):
+        scans = record_with_sonars(world, ring, rng)
+    else:
+        way = exploration_from(options, ring.range_max_m, world.spec.resolution_m)
+        scans = record_exploration_with_sonars(world, ring, way, rng, depth=options.depth)
+    mounts, output, overwrite = ring.mounts(), options.output, options.overwrite
+    back = {frame: mount.inverse() for frame, mount in mounts.items()}
+    return _Simulated(
+        _true_map(options, world),
+        scans,
+        lambda one: _Truth(one.scan.stamp_ns, one.pose.compose(back[one.scan.frame_id])),
+        lambda held: write_sonar_recording(output, held, mounts, overwrite=overwrite),
+        ring,
+    )
+
+
+def _by_lidar(
+    options: argparse.Namespace,
+    world: Building | GridWorld,
+    lidar: Lidar,
+    rng: np.random.Generator,
+) -> _Simulated:
+    output, overwrite = options.output, options.overwrite
+    truth = _true_map(options, world)
+    if options.drive:
+        return _Simulated(
+            truth,
+            driven(options, world, lidar, rng),
+            lambda one: _Truth(one.scan.stamp_ns, one.truth, one.is_node),
+            lambda held: write_drive(output, held, overwrite=overwrite),
+        )
+    placed = _Simulated(
+        truth,
+        iter(()),
+        lambda one: _Truth(one.scan.stamp_ns, one.pose),
+        lambda held: write_recording(output, held, overwrite=overwrite),
+    )
+    if isinstance(world, Building):
+        return placed._replace(scans=record(world, lidar, rng))
+    way, depth = (
+        exploration_from(options, lidar.range_max_m, world.spec.resolution_m),
+        options.depth,
+    )
+    if not options.localize:
+        return placed._replace(scans=record_exploration(world, lidar, way, rng, depth=depth))
+    count = options.particles
+    return _Simulated(
+        truth,
+        record_localized(world, lidar, way, rng, depth=depth),
+        lambda one: _Truth(one.placed.scan.stamp_ns, one.truth),
+        lambda held: write_localized(output, held, particles=count, overwrite=overwrite),
+    )
+
+
+def _true_map(options: argparse.Namespace, world: Building | GridWorld) -> GridMap:
     return rasterised(world, options.resolution) if isinstance(world, Building) else world.truth()

@@ -10,7 +10,7 @@ from __future__ import annotations
 import io
 import math
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, NamedTuple
@@ -22,7 +22,7 @@ from ogm_mcmc.arrays import AnyArray
 from ogm_mcmc.errors import OgmError
 from ogm_mcmc.files.input_files import file_to_read, reason_of
 
-__all__ = ['NUMBER', 'TEXT', 'Field', 'NpzFile', 'npz_file', 'read_npz']
+__all__ = ['NUMBER', 'TEXT', 'Field', 'NpzFile', 'npz_file']
 
 MOST_BYTES = 1 << 33
 MOST_TEXT = 1 << 22
@@ -146,15 +146,3 @@ def npz_file(
         raise
     except Exception as reason:  # a damaged archive fails in more ways than can be listed
         raise error(f'{path}: expected {what} ({reason_of(reason)})') from reason
-
-
-def read_npz(
-    path: Path,
-    fields: Mapping[str, Field],
-    what: str,
-    error: type[OgmError],
-    most_bytes: int = MOST_BYTES,
-) -> dict[str, AnyArray]:
-    """Return the arrays named, and no others. Raises `error` as `npz_file` does."""
-    with npz_file(path, what, error, most_bytes) as held:
-        return {name: held.read(name, field) for name, field in fields.items()}

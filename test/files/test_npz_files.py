@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ogm_mcmc.errors import PriorError
-from ogm_mcmc.files.npz_files import NUMBER, TEXT, Field, npz_file, read_npz
+from ogm_mcmc.files.npz_files import NUMBER, TEXT, Field, npz_file
 
 FIELDS = {'a': Field('f', (2, None)), 'n': NUMBER, 'text': TEXT}
 
@@ -19,9 +19,14 @@ def path(tmp_path):
     return tmp_path / 'a.npz'
 
 
+def read(path, fields=FIELDS, **options):
+    with npz_file(path, 'a prior', PriorError, **options) as held:
+        return {name: held.read(name, field) for name, field in fields.items()}
+
+
 def refused(path, fields=FIELDS, **options):
     with pytest.raises(PriorError) as caught:
-        read_npz(path, fields, 'a prior', PriorError, **options)
+        read(path, fields, **options)
     message = str(caught.value)
     assert message.startswith(f'{path}: expected a prior (')
     assert '\n' not in message
@@ -41,7 +46,7 @@ def refused(path, fields=FIELDS, **options):
 )
 def test_what_is_written_is_read(path, save, array):
     save(path, a=array, n=7, text=np.array('grüße'), more=np.zeros(9))
-    held = read_npz(path, FIELDS, 'a prior', PriorError)
+    held = read(path)
     assert set(held) == set(FIELDS)
     assert np.array_equal(held['a'], array)
     assert held['a'].dtype.isnative
