@@ -134,9 +134,10 @@ def _map_and_refine(
             name = 'refine_server' if mapper.poll() is None else 'online_mapper'
             raise OgmError(f'{name} ended during replay: expected it to go on')
         client.call('online_mapper/save_map', SERVICE_S)
-        client.wait_for_map(SERVICE_S)
+        settled = client.settled()
         with _progress_bar(options.sampling_time) as show:
             refined = _refined(client, options.sampling_time + INDEXING_S, alive, show)
+        client.wait_for_map(settled, SERVICE_S)
         client.call('refine_server/save_map', SERVICE_S)
         report = client.report()
     r_hat = float(refined['R-hat (99 % of cells below)'])

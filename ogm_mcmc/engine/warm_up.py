@@ -9,10 +9,19 @@ import numpy as np
 from ogm_mcmc.config import SamplerConfig, StopConfig, TrajectoryConfig
 from ogm_mcmc.engine.collision import collision_risk
 from ogm_mcmc.engine.joint_poses import PoseRefinement
+from ogm_mcmc.engine.live_map import live_map, reflection_map
 from ogm_mcmc.engine.refinement import Refinement
-from ogm_mcmc.geometry import GridSpec, PlacedScan, Pose2D, SampleBits, Scan
+from ogm_mcmc.engine.sensor_fit import fit_sensor
+from ogm_mcmc.geometry import GridMap, GridSpec, PlacedScan, Pose2D, SampleBits, Scan
+from ogm_mcmc.sampling.chain_starts import forgotten
 
-__all__ = ['warm_up_collisions', 'warm_up_poses', 'warm_up_sampling']
+__all__ = [
+    'warm_up_chains',
+    'warm_up_collisions',
+    'warm_up_maps',
+    'warm_up_poses',
+    'warm_up_sampling',
+]
 
 
 def warm_up_sampling(config: SamplerConfig) -> int:
@@ -20,7 +29,50 @@ def warm_up_sampling(config: SamplerConfig) -> int:
 
     Returns the sweeps done on a window of one scan.
     """
-    reach = 4.0 * config.window.resolution
+    first, second = _two_scans(config.window.resolution)
+    refinement = Refinement(replace(config, window=replace(config.window, beam_stride=1)))
+    # The second time extends the index, the third merges beams that are equal: each takes kernels
+    # of its own.
+    for scans in ([first], [first, second], [first, second, first]):
+        refinement.take(scans)
+        done = list(refinement.run(StopConfig(max_sweeps=config.chain.burn_in + 1)))
+    refinement.known_map()
+    return done[-1].sweeps
+
+
+def warm_up_chains(config: SamplerConfig) -> int:
+    """Compile the part of `warm_up_sampling` that takes longest, and nothing of `warm_up_maps`.
+
+    That is the index and the sweeps. The two may run side by side: numba's cache does not stand
+    two processes that compile a kernel for different types at the same time, and these have none
+    in common. Returns the sweeps done.
+    """
+    first, second = _two_scans(config.window.resolution)
+    window = replace(config.window, beam_stride=1, no_return='clear')
+    chain = replace(config.chain, sensor='given')
+    refinement = Refinement(replace(config, window=window, chain=chain))
+    start = GridMap(refinement.window.spec, np.zeros((1, 1), np.float32))  # no map is made for it
+    for scans in ([first], [first, second], [first, second, first]):
+        refinement.take(scans, start)
+        done = list(refinement.run(StopConfig(max_sweeps=config.chain.burn_in + 1)))
+        if refinement.sampler is not None:
+            cells = [state.cells for state in refinement.sampler.states]
+            forgotten(refinement.sampler.model, cells, config.chain.seed)
+    return done[-1].sweeps
+
+
+def warm_up_maps(config: SamplerConfig) -> None:
+    """Compile what `warm_up_sampling` needs beside `warm_up_chains`: maps of scans."""
+    scans = _two_scans(config.window.resolution)
+    window = replace(config.window, no_return='clear')
+    live_map(scans, window)
+    reflection_map(scans, window)
+    fit_sensor(scans, replace(config, window=window))
+
+
+def _two_scans(resolution_m: float) -> list[PlacedScan]:
+    """Return scans of two beams, one of which hits, at two places."""
+    reach = 4.0 * resolution_m
     scan = Scan.checked(
         np.array([0.5, np.inf], np.float32) * np.float32(reach),
         angle_min_rad=0.1,
@@ -28,14 +80,7 @@ def warm_up_sampling(config: SamplerConfig) -> int:
         range_min_m=0.0,
         range_max_m=reach,
     )
-    first, second = (PlacedScan.at(scan, Pose2D(x, 0.0)) for x in (0.0, reach))
-    refinement = Refinement(replace(config, window=replace(config.window, beam_stride=1)))
-    # The second time extends the index, the third merges beams that are equal: each takes kernels
-    # of its own.
-    for scans in ([first], [first, second], [first, second, first]):
-        refinement.take(scans)
-        done = list(refinement.run(StopConfig(max_sweeps=config.chain.burn_in + 1)))
-    return done[-1].sweeps
+    return [PlacedScan.at(scan, Pose2D(x, 0.0)) for x in (0.0, reach)]
 
 
 def warm_up_poses() -> int:

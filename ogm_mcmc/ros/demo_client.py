@@ -156,16 +156,23 @@ class DemoClient:
         if not self.spin_while(old, timeout_s):
             raise OgmError(f'{name}: expected diagnostics, and no scan that waits for a pose')
 
-    def wait_for_map(self, timeout_s: float) -> None:
-        """Wait for the final map and for diagnostics that were sent after the last scan."""
+    def settled(self) -> Callable[[], bool]:
+        """Return what tells whether the mapper's last map, and diagnostics sent after now, came.
+
+        Called when the last scan is mapped: refining need not wait for it.
+        """
         seen = self.reports[MAPPER]
         called = time.monotonic()
 
-        def unsettled() -> bool:
+        def settled() -> bool:
             quiet = time.monotonic() - max(called, self.last_map_at)
-            return self.maps == 0 or self.reports[MAPPER] is seen or quiet < SETTLED_S
+            return self.maps > 0 and self.reports[MAPPER] is not seen and quiet >= SETTLED_S
 
-        if not self.spin_while(unsettled, timeout_s):
+        return settled
+
+    def wait_for_map(self, settled: Callable[[], bool], timeout_s: float) -> None:
+        """Wait until the mapper's last map is there, see `settled`."""
+        if not self.spin_while(lambda: not settled(), timeout_s):
             raise OgmError('no map arrived on `map`: expected one from online_mapper')
 
     def report(self) -> dict[str, Any]:
