@@ -35,6 +35,7 @@ from ogm_mcmc.config import PlacingConfig, StopConfig, given
 from ogm_mcmc.config.nodes import NodeMapperConfig
 from ogm_mcmc.errors import BagError, ConfigError, OgmError
 from ogm_mcmc.files.output_files import folder_to_fill
+from ogm_mcmc.files.processes import ending_with_this
 from ogm_mcmc.io.map_sheet import save_side_by_side
 
 __all__ = ['add_to']
@@ -252,8 +253,13 @@ def _computed(options: argparse.Namespace, source: DemoInput) -> list[str]:
 
 @contextlib.contextmanager
 def _process(name: str, arguments: list[str]) -> Iterator[subprocess.Popen[bytes]]:
-    """Run a node in a process of its own; end it quietly, and complain if it does not."""
-    process = subprocess.Popen([sys.executable, *arguments], stdout=sys.stderr)
+    """Run a node in a process of its own; end it quietly, and complain if it does not.
+
+    Where this process is killed the node ends by itself.
+    """
+    process = subprocess.Popen(
+        [sys.executable, *arguments], stdout=sys.stderr, env=ending_with_this()
+    )
     try:
         yield process
     finally:

@@ -1,12 +1,20 @@
-"""Which process of which host something hidden belongs to, and whether that one still lives."""
+"""Which process of which host something belongs to, and whether that one still lives."""
 
 from __future__ import annotations
 
 import os
 import platform
 import re
+import signal
+import threading
+import time
 
-__all__ = ['host_name', 'lives']
+__all__ = ['end_with_parent', 'ending_with_this', 'host_name', 'lives']
+
+# In the environment of a process: the parent without which it shall end.
+PARENT = 'OGM_MCMC_PARENT'
+PARENT_LOOK_S = 0.5
+PATIENCE_S = 10.0  # after SIGTERM
 
 
 def host_name() -> str:
@@ -23,3 +31,26 @@ def lives(pid: int) -> bool:
     except (OSError, OverflowError):  # somebody else's
         return True
     return True
+
+
+def ending_with_this() -> dict[str, str]:
+    """Return the environment of a child that ends with this process: see `end_with_parent`."""
+    return {**os.environ, PARENT: str(os.getpid())}
+
+
+def end_with_parent() -> None:
+    """Let this process end, by SIGTERM, soon after a parent that asked for it has gone.
+
+    A parent that was killed cannot end its children itself. Without such a parent nothing happens.
+    """
+    parent = os.environ.pop(PARENT, '')
+    if parent:
+        threading.Thread(target=_end_after, args=(parent,), daemon=True).start()
+
+
+def _end_after(parent: str) -> None:
+    while str(os.getppid()) == parent:
+        time.sleep(PARENT_LOOK_S)
+    os.kill(os.getpid(), signal.SIGTERM)
+    time.sleep(PATIENCE_S)
+    os._exit(1)

@@ -12,6 +12,8 @@ import os
 import signal
 import sys
 
+from ogm_mcmc.files.processes import end_with_parent
+
 __all__ = ['NODES', 'online_mapper', 'refine_server', 'replay', 'run']
 
 NODES = ('online_mapper', 'refine_server', 'replay')
@@ -37,6 +39,7 @@ def run(node: str) -> None:
     for number in (signal.SIGINT, signal.SIGTERM):
         if signal.getsignal(number) is not signal.SIG_IGN:  # as under nohup
             signal.signal(number, lambda *_: os._exit(0))
+    end_with_parent()
     main = importlib.import_module(f'ogm_mcmc.ros.{node}').main
     try:
         main()
