@@ -11,6 +11,7 @@ from ogm_mcmc.arrays import AnyArray, BoolArray, Float32Array, UInt8Array
 from ogm_mcmc.errors import GridError, require
 from ogm_mcmc.sampling.gibbs_kernels import find_first_hits, sweep_cells
 from ogm_mcmc.sampling.informed import arrival
+from ogm_mcmc.sampling.misfits import draw_lists, fitting_rays
 from ogm_mcmc.sampling.ray_index import RayIndex
 
 __all__ = [
@@ -141,6 +142,10 @@ class CellModel(IndexedModel):
         self.touched = index.touched()
         self.telling = index.telling
         self.ceiling = highest_probability(index, self.prior_log_odds)
+        self._fitting = fitting_rays(index)
+        if self._fitting is not None:
+            fitting = index._replace(gain=self._fitting.most)
+            self._fitting_ceiling = highest_probability(fitting, self.prior_log_odds)
         even = (self.touched // width + self.touched % width) % 2 == 0
         self._checkered = np.concatenate((self.touched[even], self.touched[~even]))
 
@@ -175,6 +180,10 @@ class CellModel(IndexedModel):
             order = rng.permutation(self.touched)
         elif self.order == 'checkerboard':
             order = self._checkered
+        if self._fitting is not None:
+            ceilings, fitting = (self.ceiling, self._fitting_ceiling), self._fitting
+            log_odds = self.prior_log_odds
+            return draw_lists(rng, order, state, self.index, ceilings, log_odds, fitting)
         return draw_cells(rng, order, state, self.index, self.ceiling, self.prior_log_odds)
 
     def focus(self, in_doubt: BoolArray, moving: BoolArray) -> None:

@@ -1,0 +1,90 @@
+"""Draws bounded by what rays that fit can add are those that look at every ray."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from support.strategies import REPEATABLE, fan
+from support.tiny_problems import tiny_problems
+
+from ogm_mcmc.config import ForwardModelConfig, WindowConfig
+from ogm_mcmc.geometry import PlacedScan, Pose2D
+from ogm_mcmc.sampling import CellModel, RayWindow
+from ogm_mcmc.sampling.cell_gibbs import draw_cells, first_hits
+from ogm_mcmc.sampling.misfit_kernels import MOST_MISSED
+from ogm_mcmc.sampling.misfits import fitting_rays
+
+
+def assert_same_draws(model, start, seed, sweeps):
+    ours, plain = model.start(start), model.start(start)
+    rngs = [np.random.default_rng(seed) for _ in range(2)]
+    for _ in range(sweeps):
+        flips = model.advance(rngs[0], ours)
+        expected = draw_cells(
+            rngs[1], model.touched, plain, model.index, model.ceiling, model.prior_log_odds
+        )
+        assert flips == expected
+        assert np.array_equal(ours.cells, plain.cells)
+        assert np.array_equal(ours.records, plain.records)
+        assert np.array_equal(ours.records, first_hits(ours.cells, model.index))
+
+
+@given(problem=tiny_problems(max_cells=12, max_scans=5), seed=st.integers(0, 1000))
+@settings(REPEATABLE, max_examples=25)
+def test_draws_of_small_windows(problem, seed):
+    window = problem.indexed()
+    assume(fitting_rays(window.index) is not None)
+    model = CellModel(window.index, problem.prior_log_odds, window.spec.width)
+    start = (np.random.default_rng(seed).random(model.n_cells) < 0.5).astype(np.uint8)
+    assert_same_draws(model, start, seed, 4)
+
+
+def room(sigma_m, wrong=0):
+    """A model of a square room of 12 m from nine places; the first `wrong` readings are short."""
+    places = [Pose2D(x, y, 0.1 * x) for x in (-3.0, 0.1, 2.7) for y in (-2.2, 0.4, 3.1)]
+    bearings = np.linspace(-math.pi, math.pi, 60, endpoint=False)
+    window = RayWindow(
+        WindowConfig(resolution=0.2), ForwardModelConfig(kind='gaussian', sigma=sigma_m)
+    )
+    for pose in places:
+        ux, uy = np.cos(bearings + pose.yaw_rad), np.sin(bearings + pose.yaw_rad)
+        along = [(6.0 - np.sign(u) * p) / np.abs(u) for u, p in ((ux, pose.x_m), (uy, pose.y_m))]
+        ranges = np.minimum(*along)
+        ranges[:wrong] *= 0.5
+        scan = fan(*ranges, bearing=bearings[0], increment=bearings[1] - bearings[0])
+        window.add([PlacedScan.at(scan, pose)])
+    return CellModel(window.index, math.log(0.15 / 0.85), window.spec.width)
+
+
+@pytest.mark.parametrize(('sigma_m', 'wrong'), [(0.4, 0), (0.15, 0), (0.15, 20)])
+@pytest.mark.parametrize('share', [0.0, 0.3, 1.0])
+def test_draws_of_a_room_from_any_start(sigma_m, wrong, share):
+    """Full and wild starts make misfits of most rays, contradicted readings of some for good."""
+    model = room(sigma_m, wrong)
+    start = (np.random.default_rng(1).random(model.n_cells) < share).astype(np.uint8)
+    assert_same_draws(model, start, 2, 12)
+
+
+def test_what_rays_that_fit_add_at_most():
+    """By definition, of every list."""
+    model = room(0.15)
+    index, fitting = model.index, fitting_rays(model.index)
+    values = [index.ray(n) for n in range(index.n_rays)]
+    best = np.array([max(*said, unseen) for _, said, unseen in values])
+    assert np.array_equal(fitting.best, best.astype(np.float32))
+    most = np.zeros(index.n_cells)
+    for (cells, said, _), highest in zip(values, best, strict=True):
+        most[cells] += np.maximum(said - (highest - MOST_MISSED), 0.0)
+    assert fitting.most == pytest.approx(most[index.listed()], rel=1e-5, abs=1e-6)
+    # Far in front of all readings that is nothing, where some map may allow much.
+    assert np.count_nonzero((fitting.most == 0.0) & (index.gain > 10.0)) > 300
+    assert fitting.most.sum() < 0.3 * index.gain.sum()
+
+
+def test_rays_that_are_level_somewhere_are_drawn_as_ever():
+    window = RayWindow(WindowConfig(resolution=0.2), ForwardModelConfig(sigma=0.05))
+    window.add([PlacedScan.at(fan(5.0), Pose2D(0.0, 0.0))])
+    assert window.index.runs.size > 0
+    assert fitting_rays(window.index) is None
