@@ -13,7 +13,7 @@ from ogm_mcmc.io import ros_types
 from ogm_mcmc.io.bags import BagWriter
 from ogm_mcmc.simulation import DrivenScan, LocalizedScan
 
-__all__ = ['write_drive', 'write_localized', 'write_recording']
+__all__ = ['write_drive', 'write_localized', 'write_recording', 'write_scan']
 
 
 def write_recording(path: Path, scans: Iterable[PlacedScan], *, overwrite: bool = False) -> int:
@@ -24,7 +24,7 @@ def write_recording(path: Path, scans: Iterable[PlacedScan], *, overwrite: bool 
             stamp = scan.stamp_ns
             known = ros_types.pose_with_covariance(stamp, 'map', belief.mean, np.zeros((3, 3)))
             bag.write('/pose', ros_types.POSE, stamp, known)
-            _write_scan(bag, scan)
+            write_scan(bag, scan)
             count += 1
         bag.note_frame('/pose', 'laser')
     return count
@@ -49,7 +49,7 @@ def write_localized(
             bag.write('/pose', ros_types.POSE, stamp, mean)
             drawn = ros_types.pose_array(stamp, 'map', systematic(belief.particles, particles))
             bag.write('/particles', ros_types.PARTICLES, stamp, drawn)
-            _write_scan(bag, scan)
+            write_scan(bag, scan)
             count += 1
         for topic in ('/pose', '/particles'):
             bag.note_frame(topic, 'laser')
@@ -69,7 +69,7 @@ def write_drive(path: Path, scans: Iterable[DrivenScan], *, overwrite: bool = Fa
             bag.write('/odom', ros_types.ODOMETRY, stamp, odom)
             said = ros_types.pose_with_covariance(stamp, 'map', one.said, np.zeros((3, 3)))
             bag.write('/pose', ros_types.POSE, stamp, said)
-            _write_scan(bag, one.scan)
+            write_scan(bag, one.scan)
             if one.corrected is not None:
                 corrected = ros_types.path(stamp, 'map', *one.corrected)
                 bag.write('/trajectory', ros_types.PATH, stamp, corrected)
@@ -78,7 +78,8 @@ def write_drive(path: Path, scans: Iterable[DrivenScan], *, overwrite: bool = Fa
     return count
 
 
-def _write_scan(bag: BagWriter, scan: Scan) -> None:
+def write_scan(bag: BagWriter, scan: Scan) -> None:
+    """Append a scan as LaserScan on `/scan`."""
     message = ros_types.laser_scan(
         scan.stamp_ns,
         scan.frame_id,

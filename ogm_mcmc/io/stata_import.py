@@ -25,6 +25,7 @@ from ogm_mcmc.files.input_files import reason_of, text_of
 from ogm_mcmc.geometry import Pose2D, Scan
 from ogm_mcmc.io import messages, ros_types
 from ogm_mcmc.io.bags import BagReader, BagRecord, BagWriter
+from ogm_mcmc.io.recording_bag import write_scan
 
 __all__ = ['StataOptions', 'StataSummary', 'TimedPose', 'import_stata', 'read_pose_file']
 
@@ -228,13 +229,4 @@ def _write_scan(
         summary.scans_in_gaps += 1
         return
     summary.scans += 1
-    message = ros_types.laser_scan(
-        scan.stamp_ns,
-        scan.frame_id,
-        scan.ranges_m,
-        angle_min=scan.angle_min_rad,
-        angle_increment=scan.angle_increment_rad,
-        range_min=scan.range_min_m,
-        range_max=scan.range_max_m,
-    )
-    bag.write('/scan', ros_types.SCAN, scan.stamp_ns, message)
+    write_scan(bag, scan)
