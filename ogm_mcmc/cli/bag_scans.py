@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import sys
+import threading
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import NamedTuple
@@ -17,7 +18,9 @@ from ogm_mcmc.engine.bag_scans import PlacedScans, StreamTopics, open_scans
 from ogm_mcmc.engine.odometry import OdometryAt
 from ogm_mcmc.geometry import PlacedScan
 
-__all__ = ['BagScans', 'placed_scans', 'read_bag', 'say']
+__all__ = ['BagScans', 'placed_scans', 'read_bag', 'said_if_slow', 'say']
+
+SLOW_S = 3.0
 
 
 class BagScans(NamedTuple):
@@ -64,6 +67,18 @@ def say(line: str) -> None:
     with contextlib.suppress(OSError):
         tqdm.write(line, file=sys.stderr)
         sys.stderr.flush()
+
+
+@contextlib.contextmanager
+def said_if_slow(line: str, after_s: float = SLOW_S) -> Iterator[None]:
+    """Print a line where the block takes longer than so many seconds: nobody waits in the dark."""
+    timer = threading.Timer(after_s, say, [line])
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
 
 
 def read_bag(

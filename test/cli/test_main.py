@@ -1,11 +1,12 @@
 """Which commands there are, which of them are imported, and what happens to what they print."""
 
 import sys
+import threading
 
 import pytest
 
 from ogm_mcmc.cli import main
-from ogm_mcmc.cli.bag_scans import say
+from ogm_mcmc.cli.bag_scans import said_if_slow, say
 
 
 def commands(parser):
@@ -68,3 +69,14 @@ def test_a_note_that_cannot_be_written_costs_no_work(full, monkeypatch):
     """A map was not made because standard error was on a full disk."""
     monkeypatch.setattr(sys, 'stderr', full)
     say('poses from /pose')
+
+
+def test_work_that_takes_long_is_said_while_it_goes_on(monkeypatch):
+    said = threading.Event()
+    monkeypatch.setattr('ogm_mcmc.cli.bag_scans.say', lambda _: said.set())
+    with said_if_slow('compiling', 0.0):
+        assert said.wait(10.0)
+    said.clear()
+    with said_if_slow('compiling', 60.0):
+        pass
+    assert not said.is_set()

@@ -259,6 +259,13 @@ def test_a_mistake_is_one_line_and_leaves_nothing(
     assert sorted(path for path in tmp_path.rglob('*') if path.is_file()) == before
 
 
+def test_a_mistake_in_the_bag_is_said_before_kernels_are_compiled(tmp_path, monkeypatch, capsys):
+    """It came after a silent minute where nothing was in the cache."""
+    monkeypatch.setattr('ogm_mcmc.cli.sample.warm_up_sampling', lambda _: pytest.fail('compiled'))
+    assert run(['sample', str(tmp_path / 'none'), '-o', str(tmp_path / 'out')]) == 2
+    assert 'no such file' in capsys.readouterr().err
+
+
 def test_a_bag_that_says_nothing(tmp_path, capsys):
     from ogm_mcmc.geometry import Pose2D
     from ogm_mcmc.io import ros_types
