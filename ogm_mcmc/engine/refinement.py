@@ -77,6 +77,7 @@ class Refinement:
         self.no_return_found = self.no_return  # in the last scans, even if these were refused
         self.model = config.model  # of the beams, fitted where that is wanted
         self.sensor: SensorNumbers | None = None
+        self._told = 0  # how many scans told of the sensor
         self._resumed: tuple[ForwardModelConfig, SensorNumbers | None] | None = None
         self.window = self._empty_window()
         self._table, self.prior = patch_prior(config)
@@ -93,7 +94,8 @@ class Refinement:
         """Use these scans from now on; return the number of rays.
 
         Scans added since the last time extend the rays already indexed; any other change builds
-        them anew, also when all scans together say that +inf means another thing. Chains begin at
+        them anew, also when all scans together say that +inf means another thing, and when they
+        are twice those that told what the sensor is like. Chains begin at
         `start`; without it they go on from where they are (a warm start; where scans were placed
         anew chains begin anew there), and the first ones begin as the configuration says. Raises
         WindowError when there is nothing to sample or too much, and GridError when `start` is of
@@ -111,7 +113,9 @@ class Refinement:
         old, held = self.window.spec, (self.no_return, self.model, self.sensor)
         asked = self.config.window
         found = no_return_of(asked.no_return, scans, asked.resolution, asked.max_range)
-        grows = extends and found.value == self.no_return.value
+        # Twice as many scans tell what the sensor is like better than those that did.
+        told = self.sensor is None or len(scans) < 2 * self._told
+        grows = extends and told and found.value == self.no_return.value
         self._index_spent, self._live = False, None
         self.no_return_found = found
         try:
@@ -137,6 +141,7 @@ class Refinement:
             raise
         self.window, self._taken, self.corrected = window, list(scans), moved is not None
         self.sampler, self.rounds, self._others = sampler, SamplingRounds(), None
+        self._told = self._told if grows else len(scans)
         return self.size.n_rays
 
     def _take_nothing(self) -> None:

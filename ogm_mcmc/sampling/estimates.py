@@ -130,7 +130,8 @@ def with_share_of(
 ) -> GridMap:
     """Return a map of which `other`, nan for none, has a share: (1 - share) mean + share other.
 
-    Where that would lower the mean it has the share `lowering` instead, if any is given.
+    Where that would lower the mean of a cell which `other` holds possible at all it has the share
+    `lowering` instead, if any is given.
 
     Design note. A sampler holds cells for solid or free. Where the edge of a wall runs through a
     cell, or beams pass glass and legs, some are reflected and others pass: it calls such cells
@@ -171,7 +172,7 @@ def with_share_of(
     weight: AnyArray | float = share
     if lowering is not None:
         with np.errstate(invalid='ignore'):
-            weight = np.where(q < p, np.float32(lowering), np.float32(share))
+            weight = np.where((q > 0.0) & (q < p), np.float32(lowering), np.float32(share))
     mixed = (1.0 - weight) * p + weight * q
     return GridMap(mean.spec, np.where(np.isnan(q), p, mixed).astype(np.float32))
 

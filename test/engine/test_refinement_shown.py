@@ -97,7 +97,7 @@ def test_the_share_of_beams_that_a_cell_reflected_has_its_weight():
     reflected, least = counted.share.probability, counted.least(blur).probability
     known = np.isfinite(reflected) & np.isfinite(plain)
     assert {0.0, 1.0} <= set(reflected[known])
-    weight = np.where(reflected < plain, 0.1 * blur, 0.1)
+    weight = np.where((reflected > 0.0) & (reflected < plain), 0.1 * blur, 0.1)
     expected = np.maximum((1.0 - weight) * plain + weight * reflected, least)
     assert found[known] == approx(expected[known], abs=1e-6)
     assert np.array_equal(found[~known], plain[~known], equal_nan=True)
@@ -138,7 +138,8 @@ def test_the_map_of_a_burn_in_is_made_as_that_of_counted_draws():
         assert (of.sweeps, of.draws) == (0, draws)
         p = refinement.drawn_map(of).probability
         p = np.where(np.isnan(live), p, (draws * p + live) / (draws + 1))
-        p = np.fmax(np.where(reflected > p, 0.8 * p + 0.2 * reflected, p), least)
+        mixes = (reflected > p) | (reflected == 0.0)
+        p = np.fmax(np.where(mixes, 0.8 * p + 0.2 * reflected, p), least)
         found = refinement.map(of).probability
         seen = np.isfinite(found)
         assert found[seen] == approx(p[seen], abs=1e-6)

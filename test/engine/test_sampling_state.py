@@ -96,7 +96,7 @@ def test_a_window_that_grew_goes_on_with_what_its_first_scans_told_of_the_beams(
     """Shares are fitted once; all scans together would tell of others."""
     config = replace(CONFIG, chain=replace(CONFIG.chain, sensor='fitted'))
     some = scans(6)
-    grown = taken(some[:1], config)
+    grown = taken(some[:4], config)
     grown.take(some)
     sweep(grown, 30)
     grown.save(tmp_path / 'chains.npz')

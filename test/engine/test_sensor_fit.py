@@ -94,8 +94,12 @@ def test_rays_are_sampled_with_what_was_fitted_until_they_are_taken_anew():
     refinement.take(scans)
     fitted = refinement.window.model.clutter
     assert fitted == refinement.sensor.clutter.mean == pytest.approx(2.0 / 120.0)
-    refinement.take([*scans, *scans_of(1.0, 1.5)])  # more of the same: the rays go on
+    more = [*scans, *scans_of(1.0, 1.5)]
+    refinement.take(more)  # the rays go on
     assert refinement.window.model.clutter == fitted
+    refinement.take([*more, *scans_of(*[2.0] * 18)])  # twice as many as told of it
+    assert refinement.window.model.clutter == refinement.sensor.clutter.mean != fitted
+    assert refinement.size.n_rays == 40
     refinement.take(scans_of(2.0, 2.0))
     assert refinement.window.model.clutter != fitted
 
