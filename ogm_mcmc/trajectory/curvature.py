@@ -20,12 +20,15 @@ import numpy as np
 from ogm_mcmc.arrays import Float64Array
 from ogm_mcmc.trajectory.factors import Linearised, PoseFactors
 from ogm_mcmc.trajectory.points import ScanPoints, wrapped
-from ogm_mcmc.trajectory.surfels import Stage, SurfelSystem, solve
+from ogm_mcmc.trajectory.surfels import ACCURACY, Stage, SurfelSystem, solve
 
-__all__ = ['drawn_deviation', 'held_share', 'widening']
+__all__ = ['ROUGHLY', 'drawn_deviation', 'held_share', 'numbers_fitted', 'widening']
 
-# Less than this is not believed: deviations would be more than five times those of the model.
-LEAST_HELD = 0.2
+# Less than this is not believed: deviations would be more than ten times those of the model.
+LEAST_HELD = 0.1
+
+# Accurate enough for a sum over all poses.
+ROUGHLY = 0.03
 
 
 def held_share(
@@ -35,7 +38,7 @@ def held_share(
     stage: Stage,
     deviation: Float64Array,
 ) -> float:
-    """Return how much of what `system` around poses (K, 3) says they are held by, 0.2 to 1.
+    """Return how much of what `system` around poses (K, 3) says they are held by, 0.1 to 1.
 
     deviation  (K, 3), along which that is measured
     """
@@ -57,12 +60,23 @@ def drawn_deviation(
     at: Linearised,
     rng: np.random.Generator,
     wider: float = 1.0,
+    accuracy: float = ACCURACY,
 ) -> Float64Array:
     """Draw how far poses (K, 3) may be from where they are, from the quadratic model.
 
     Points scatter so many times `wider` than it says (a sandwich: Huber 1967).
     """
-    return solve(system, factors, at, wider * system.noise(rng) + factors.noise(at, rng))
+    right = wider * system.noise(rng) + factors.noise(at, rng)
+    return solve(system, factors, at, right, accuracy=accuracy)
+
+
+def numbers_fitted(system: SurfelSystem, drawn: Float64Array) -> float:
+    """Return how many numbers of the poses points decide, 0 to 3 K: tr(H (H + F)^-1).
+
+    H is the precision by points, F that by factors. It is what d . H d is in the mean over draws
+    d of the poses (`drawn_deviation`); one draw (K, 3) is enough, for it is a sum over all.
+    """
+    return float((drawn * system.times(drawn)).sum())
 
 
 def widening(system: SurfelSystem, held: float) -> float:

@@ -15,7 +15,13 @@ from ogm_mcmc.errors import WindowError
 from ogm_mcmc.geometry import Pose2D, PoseBelief, Scan
 from ogm_mcmc.trajectory.alike import Alike
 from ogm_mcmc.trajectory.correlative import LookUp, look_up_in_turn, recheck, relocate
-from ogm_mcmc.trajectory.curvature import drawn_deviation, held_share, widening
+from ogm_mcmc.trajectory.curvature import (
+    ROUGHLY,
+    drawn_deviation,
+    held_share,
+    numbers_fitted,
+    widening,
+)
 from ogm_mcmc.trajectory.factors import PoseFactors
 from ogm_mcmc.trajectory.moves import Moves
 from ogm_mcmc.trajectory.points import ScanPoints, poses_of, wrapped
@@ -109,6 +115,8 @@ class TrajectoryRefinement:
         self.deviations: list[Float64Array] = []
         self.held = math.nan  # how much poses are held by points, see `curvature`
         self._rng = np.random.default_rng(self.config.seed)
+        self._fitted = 0.0  # so many numbers of the poses come from points
+        self._fitting = np.random.default_rng((self.config.seed, 1))
         self._system: SurfelSystem | None = None
         self._steps = self._plan()
         self._began = time.monotonic()
@@ -173,23 +181,41 @@ class TrajectoryRefinement:
         yield from self._drawing(STAGES[-1])
 
     def _aligning(self, stage: Stage) -> Iterator[TrajectoryProgress]:
-        for _ in range(stage.steps):
+        share = 1.0
+        for step in range(stage.steps):
             before = self.poses
-            self.poses, self._system = align(self.points, before, self.factors, stage)
+            self.poses, self._system = align(
+                self.points, before, self.factors, stage, self._fitted
+            )
+            if step % 2 == 0:  # they change little, and cost as much as the step itself
+                share = self._held_by(self._system, before, stage)
+            blocks = share * self._system.blocks
             if self.config.rescale:
-                self.factors = self._rescaled(self._system, stage)
+                self.factors = self._rescaled(blocks, stage)
             if self.config.correlation < 0.0 and stage.side_m <= RESCALED_FROM_M:
-                self.factors = self.factors.correlated(self.poses, self._system.blocks)
+                self.factors = self.factors.correlated(self.poses, blocks)
             yield self._progress('aligned', stage.side_m, self.poses - before)
 
-    def _rescaled(self, system: SurfelSystem, stage: Stage) -> PoseFactors:
+    def _held_by(self, system: SurfelSystem, poses: Float64Array, stage: Stage) -> float:
+        """Return how much of what `system` around poses (K, 3) says of them is so (`held_share`).
+
+        By the way, find out how many numbers of the poses its points decide.
+        """
+        at = self.factors.linearised(poses)
+        probe = drawn_deviation(system, self.factors, at, self._fitting, accuracy=ROUGHLY)
+        self._fitted = numbers_fitted(system, probe)
+        if stage.side_m > RESCALED_FROM_M:
+            return 1.0
+        return held_share(system, self.points, poses, stage, probe)
+
+    def _rescaled(self, of_points: Float64Array, stage: Stage) -> PoseFactors:
         """Return the factors, beliefs and moves as sure as poses show them to be."""
         said, factors = self._said, self.factors
         if stage.side_m <= RESCALED_FROM_M:
             said = said._replace(alike=factors.alike)
-            factors = said.doubted(said.doubt(self.poses, system.blocks, factors))
+            factors = said.doubted(said.doubt(self.poses, of_points, factors))
         if self.move_scales.size:
-            blocks = system.blocks + factors.precision
+            blocks = of_points + factors.precision
             self.move_scales = said.moves.shown_scales(self.poses, blocks, self.move_scales)
             factors = factors._replace(moves=said.moves.scaled(self.move_scales))
         return factors
@@ -206,7 +232,7 @@ class TrajectoryRefinement:
         return np.flatnonzero(bad & (np.diff(self.points.starts) > 0))
 
     def _drawing(self, stage: Stage) -> Iterator[TrajectoryProgress]:
-        system = SurfelSystem.around(self.points, self.poses, stage)
+        system = SurfelSystem.around(self.points, self.poses, stage, self._fitted)
         at = self.factors.linearised(self.poses)
         self._system, nowhere = system, np.zeros_like(self.poses)
         held = []

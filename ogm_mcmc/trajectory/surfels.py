@@ -39,12 +39,15 @@ from ogm_mcmc.trajectory.surfel_kernels import (
     weigh,
 )
 
-__all__ = ['Stage', 'SurfelSystem', 'align', 'solve']
+__all__ = ['ACCURACY', 'Stage', 'SurfelSystem', 'align', 'solve']
 
 LAYERS = ((0.0, 0.0), (0.5, 0.0), (0.0, 0.5), (0.5, 0.5))
 
 # A line is at least so many sides long (standard deviation of the points along it).
 LEAST_LENGTH = 0.125
+
+# Points are left at least such a share of their number to show how they scatter.
+LEAST_FREEDOM = 0.1
 
 # Conjugate gradients stop when the gradient is so small a part of what it was.
 ACCURACY = 1e-4
@@ -82,15 +85,21 @@ class SurfelSystem(NamedTuple):
     doubt: float
 
     @classmethod
-    def around(cls, points: ScanPoints, poses: Float64Array, stage: Stage) -> SurfelSystem:
-        """Fit the surfels to the points as the poses (K, 3) place them."""
+    def around(
+        cls, points: ScanPoints, poses: Float64Array, stage: Stage, fitted: float = 0.0
+    ) -> SurfelSystem:
+        """Fit the surfels to the points as the poses (K, 3) place them.
+
+        fitted  so many numbers of the poses the points decide, see `curvature.numbers_fitted`
+        """
         residual, jacobian, weight, surfel, scan = _entries(points, poses, stage)
         shift = int(surfel.max(initial=-1)) + 1
         total: Float64Array = np.bincount(surfel, weight, minlength=shift).astype(np.float64)
         mean = np.empty(shift)
         centre(residual, weight, surfel, total, mean)
         off = residual - mean[surfel]
-        variance, slope, doubt = _spread(off, weight, int(np.count_nonzero(total)), stage.cut_m)
+        lines = int(np.count_nonzero(total))
+        variance, slope, doubt = _spread(off, weight, lines, stage.cut_m, fitted)
         weight /= variance
         total /= variance
         n_scans = points.n_scans
@@ -139,7 +148,7 @@ def _entries(
 
 
 def _spread(
-    off: Float64Array, weight: Float64Array, surfels: int, cut_m: float
+    off: Float64Array, weight: Float64Array, surfels: int, cut_m: float, fitted: float
 ) -> tuple[float, float, float]:
     """Return variance (of a point that counts in full, m^2), slope and doubt of `SurfelSystem`.
 
@@ -155,8 +164,8 @@ def _spread(
     weights = float(weight.sum())
     slope = float((weight * (1.0 - 4.0 * squares / (1.0 + squares))).sum()) / weights
     points = share * off.size
-    # Where a line is and how it runs was taken from the points themselves.
-    freedom = max(1.0 - 2.0 * share * surfels / points, 0.1)
+    # Where a line is and how it runs was taken from the points themselves, and so were poses.
+    freedom = max(1.0 - (2.0 * share * surfels + fitted) / points, LEAST_FREEDOM)
     slope = max(slope, 0.1)
     variance = float(influence.sum()) / (slope**2 * weights * freedom)
     middle = max(float(influence.mean()), 1e-30)
@@ -237,9 +246,13 @@ def solve(
 
 
 def align(
-    points: ScanPoints, poses: Float64Array, factors: PoseFactors, stage: Stage
+    points: ScanPoints,
+    poses: Float64Array,
+    factors: PoseFactors,
+    stage: Stage,
+    fitted: float = 0.0,
 ) -> tuple[Float64Array, SurfelSystem]:
     """Take one step of Gauss and Newton; return the poses (K, 3) and what it solved."""
-    system = SurfelSystem.around(points, poses, stage)
+    system = SurfelSystem.around(points, poses, stage, fitted)
     at = factors.linearised(poses)
     return wrapped(poses + solve(system, factors, at, system.gradient + at.gradient)), system

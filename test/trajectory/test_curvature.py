@@ -5,7 +5,14 @@ import pytest
 from support.rooms import path_through, scans_of
 
 from ogm_mcmc.geometry import PoseBelief
-from ogm_mcmc.trajectory.curvature import LEAST_HELD, drawn_deviation, held_share, widening
+from ogm_mcmc.trajectory.curvature import (
+    LEAST_HELD,
+    ROUGHLY,
+    drawn_deviation,
+    held_share,
+    numbers_fitted,
+    widening,
+)
 from ogm_mcmc.trajectory.factors import PoseFactors
 from ogm_mcmc.trajectory.points import ScanPoints, poses_of
 from ogm_mcmc.trajectory.surfels import Stage, SurfelSystem
@@ -69,3 +76,26 @@ def test_it_is_what_gradients_at_both_sides_show() -> None:
     found = held_share(system, points, TRUTH, STAGE, step)
     assert found == pytest.approx(expected)
     assert LEAST_HELD < found < 1.0
+
+
+def test_how_many_numbers_points_decide_is_a_trace() -> None:
+    """Between none, where beliefs hold all, and three of each pose less where the map lies."""
+    points = ScanPoints.of(scans_of(TRUTH, 90, 0.02))
+    system, at = SurfelSystem.around(points, TRUTH, STAGE), FACTORS.linearised(TRUTH)
+    rng = np.random.default_rng(2)
+    drawn = [drawn_deviation(system, FACTORS, at, rng, accuracy=ROUGHLY) for _ in range(200)]
+    found = np.mean([numbers_fitted(system, one) for one in drawn])
+    of_points, of_beliefs = dense(system.times), dense(lambda x: FACTORS.times(at, x))
+    expected = np.trace(of_points @ np.linalg.inv(of_points + of_beliefs))
+    assert found == pytest.approx(expected, rel=0.1)
+    assert 1.0 < expected < 3 * COUNT
+
+
+def test_points_that_poses_were_fitted_to_scatter_more_than_they_show() -> None:
+    points = ScanPoints.of(scans_of(TRUTH, 90, 0.02))
+    plain = SurfelSystem.around(points, TRUTH, STAGE)
+    fitted = SurfelSystem.around(points, TRUTH, STAGE, fitted=15.0)
+    lines = np.count_nonzero(plain.total)
+    left = 0.25 * plain.weight.size - 0.5 * lines
+    assert fitted.variance == pytest.approx(plain.variance * left / (left - 15.0))
+    np.testing.assert_allclose(fitted.gradient * fitted.variance, plain.gradient * plain.variance)
