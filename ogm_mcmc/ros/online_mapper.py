@@ -35,6 +35,7 @@ from ogm_mcmc.ros.live_maps import LiveMaps
 from ogm_mcmc.ros.managed_node import ManagedNode
 from ogm_mcmc.ros.running import run_node
 from ogm_mcmc.ros.scan_intake import ScanIntake
+from ogm_mcmc.ros.slam_adapters import check_installed
 from ogm_mcmc.ros.trajectory_intake import TrajectoryIntake
 
 __all__ = ['OnlineMapper', 'main']
@@ -73,12 +74,23 @@ class OnlineMapper(ManagedNode):
         )
         self.kept = KeptScans(self.settings.keep_scans_mb) if self.settings.keep_scans else None
         self.trajectory: TrajectoryIntake | None = None
+        self._check_trajectory_source()
         self.diagnostics = Diagnostics(self, 'mapping')
         self.create_service(Trigger, '~/reset', self.on_reset)
         self.create_service(Trigger, '~/save_map', self.on_save_map)
         self.create_service(SetBool, '~/pause', self.on_pause)
         self.create_service(GetMap, '~/get_map', self.on_get_map)
         self.every(DIAGNOSTICS_S, self.publish_diagnostics)
+
+    def _check_trajectory_source(self) -> None:
+        """Say at once what `trajectory_source` lacks. Raises ConfigError without the messages."""
+        source = self.intake.settings.trajectory_source
+        check_installed(source)
+        if self.kept is None and source != 'path':
+            self.get_logger().warning(
+                f'trajectory_source is {source!r}: expected keep_scans, without which the map '
+                'stays as it is'
+            )
 
     def _fresh_no_return(self) -> LiveNoReturn:
         asked = self.parameters.read(NodeMapperConfig)

@@ -54,6 +54,7 @@ from ogm_mcmc.ros.refine_report import (
 from ogm_mcmc.ros.refined_maps import RefinedMaps
 from ogm_mcmc.ros.running import run_node
 from ogm_mcmc.ros.scan_intake import ScanIntake
+from ogm_mcmc.ros.slam_adapters import check_installed
 from ogm_mcmc.ros.trajectory_intake import TrajectoryIntake
 from ogm_mcmc.ros.trajectory_publisher import TrajectoryPublisher, correction_values
 
@@ -91,6 +92,7 @@ class RefineServer(ManagedNode):
             self.parameters.read(PlacingConfig),
             self.record,
         )
+        check_installed(self.intake.settings.trajectory_source)
         self.corrector = Corrector()
         self._outdated = False  # scans in the window moved since sampling began
         self._corrected_at = -CORRECTING_S

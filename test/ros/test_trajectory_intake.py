@@ -177,8 +177,10 @@ def test_maps_and_answers_are_in_the_frame_that_odometry_names():
         assert node.collisions.frame_id() == 'odom'
 
 
-def test_slam_toolbox_and_cartographer_need_their_messages():
-    """Said in one line where they are not installed."""
+@pytest.mark.parametrize('node_type', [OnlineMapper, RefineServer])
+def test_slam_toolbox_and_cartographer_need_their_messages(node_type, monkeypatch):
+    """Said in one line where they are not installed, before any kernel is compiled."""
+    monkeypatch.setattr(node_type, 'warm_up', lambda node: pytest.fail('compiled before'))
     for source, needed in (
         ('slam_toolbox', 'slam_toolbox of November 2025'),
         ('cartographer', 'cartographer_ros_msgs'),
@@ -188,6 +190,18 @@ def test_slam_toolbox_and_cartographer_need_their_messages():
         if importlib.util.find_spec(needed.split()[0]) is None:
             with (
                 pytest.raises(ConfigError, match=f'{needed}.* installed'),
-                local_node(RefineServer, parameter_overrides=chosen),
+                local_node(node_type, parameter_overrides=chosen),
             ):
                 pass
+
+
+def test_a_trajectory_source_without_kept_scans_is_warned_about(monkeypatch):
+    monkeypatch.setattr('ogm_mcmc.ros.online_mapper.check_installed', lambda source: None)
+    said = []
+    monkeypatch.setattr(
+        'rclpy.impl.rcutils_logger.RcutilsLogger.warning', lambda log, text, **_: said.append(text)
+    )
+    chosen = parameters(trajectory_source='cartographer')
+    with local_node(OnlineMapper, parameter_overrides=chosen):
+        (line,) = (text for text in said if 'keep_scans' in text)
+        assert line.startswith("trajectory_source is 'cartographer': expected keep_scans")
