@@ -67,7 +67,9 @@ each pose of a log may move by itself, and a few beams settle wherever lines can
 them. Moves that the localizer itself tells (`moves`) leave 0.035; raw odometry alone 0.053, both
 0.032. More points on a line (6, 10, 20): 0.073, 0.045, 0.036, but 0.031 to 0.049 with 25 % of the
 beams (with moves: 0.021). Scales of moves below 1 are not believed: with 5 % points claimed 0.23
-of a move's covariance, and with 25 % relations were 0.023 then.
+of a move's covariance, and with 25 % relations were 0.023 then. Numbers of poses that points
+decide count in their freedom (`curvature.numbers_fitted`): without that four beams a scan claimed
+an error of 0.0055 m, with it 0.022 m.
 
 Beliefs that err together (`alike`). A look-alike with a drift, taken for independent and for one
 first-order process: 5 % of the beams 0.131, 0.024 m; 25 % 0.022, 0.0127 m; all 0.010, 0.0098 m.
