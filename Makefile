@@ -42,8 +42,10 @@ $(READY): $(RUNS)
 	-$(PY) -m compileall -qq -j 0 $(VENV)/lib
 	@touch $@
 
+# The picture first; then matplotlib, for the curves of `evaluate` and `experiment`.
 demo: $(RUNS)
 	$(PY) -m ogm_mcmc demo $(INPUT) -o out/demo
+	-@$(PY) -c 'import matplotlib' 2> /dev/null || $(PIP) --use-pep517 --no-build-isolation --editable '.[plots]'
 
 # A worker more than cores; files go to workers whole, those that take long first.
 WORKERS := -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder
