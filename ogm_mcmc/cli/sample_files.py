@@ -99,7 +99,7 @@ def write_all(
             maps = _unpacked(sampled, mean, known)
             save_samples(maps, scratch / paths['samples'].name, sampled.thin, settings)
         if sampled.trajectory is not None:
-            stamps_ns, beliefs, _ = sampled.trajectory
+            stamps_ns, beliefs = sampled.trajectory[:2]
             write_beliefs(scratch / paths['trajectory'].name, stamps_ns, beliefs)
         (scratch / f'{name}.json').write_text(
             json.dumps({**result, 'files': files}, indent=2) + '\n', encoding='utf-8'

@@ -86,12 +86,14 @@ class RefinedTrajectory(NamedTuple):
     """Where the robot was at `stamps_ns`, each later than the one before.
 
     `correction` takes the latest pose as the localizer gave it, in the map, to where it is now:
-    the pose that the map frame of then has in that of now.
+    the pose that the map frame of then has in that of now. `points` is how far points lie off
+    their lines, m, between the ends of its 95 % interval.
     """
 
     stamps_ns: list[int]
     beliefs: list[PoseBelief]
     correction: Pose2D
+    points: tuple[float, float, float] | None = None
 
 
 class PoseRefinement:
@@ -150,7 +152,7 @@ class PoseRefinement:
                 beliefs.append(placed[k].belief.of_robot())
         last = int(self.order[-1])
         correction = placed[last].pose.compose(self.scans[last].pose.inverse())
-        return RefinedTrajectory(stamps, beliefs, correction)
+        return RefinedTrajectory(stamps, beliefs, correction, self.estimator.point_spread)
 
     @property
     def odometry_scale(self) -> float:

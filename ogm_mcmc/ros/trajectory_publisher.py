@@ -70,6 +70,10 @@ def correction_values(trajectory: RefinedTrajectory | None) -> dict[str, object]
         yaw = math.degrees(math.sqrt(float(covariance[2, 2])))
         values['standard deviation of the latest pose (m)'] = f'{place:.4f}'
         values['standard deviation of its yaw (degrees)'] = f'{yaw:.4f}'
+    if trajectory.points is not None:
+        low, found, high = trajectory.points
+        said = f'{found:.4f} m ({low:.4f} to {high:.4f})'
+        values['points off their lines (95 % interval)'] = said
     return values
 
 

@@ -387,3 +387,7 @@ def test_poses_are_estimated_with_the_map(tmp_path, monkeypatch, capsys):
     assert run([*call, '--state', 'state.npz']) == 2
     assert run(call) == 0
     assert not list((tmp_path / 'out').glob('map_trajectory*'))
+    # Poses that err make ranges seem to scatter: the sensor is that of the poses of the map.
+    fixed = json.loads(capsys.readouterr().out)['sensor']
+    assert first['sensor']['sigma']['high_95'] < fixed['sigma']['low_95']
+    assert first['sensor']['clutter']['mean'] < fixed['clutter']['mean']

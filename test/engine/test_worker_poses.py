@@ -1,11 +1,15 @@
 """The worker where poses are refined, too."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from support.rooms import ROOM, noisy_drive
-from support.workers import ENDLESS, idle, until
+from support.workers import CONFIG, ENDLESS, idle, until
 
 from ogm_mcmc.config import PosesConfig, StopConfig, TrajectoryConfig
+from ogm_mcmc.config.nodes import NodeModelConfig
+from ogm_mcmc.engine.sensor_fit import fit_sensor
 from ogm_mcmc.evaluation import confusion_counts
 from ogm_mcmc.evaluation.trajectories import absolute_errors
 from ogm_mcmc.trajectory.points import xyyaw
@@ -32,14 +36,23 @@ def wall_f1(result):
 
 def test_joint_poses_make_a_better_map_within_the_deadline(make):
     truth, placed = noisy_drive()
-    limits, found = StopConfig(max_sweeps=60, max_time=30.0, r_hat=0.0), {}
+    limits, found, sensor = StopConfig(max_sweeps=60, max_time=30.0, r_hat=0.0), {}, {}
+    chain = replace(CONFIG.chain, sensor='fitted')
+    config = replace(CONFIG, model=NodeModelConfig(), chain=chain)
     for poses in ('fixed', 'joint'):
         settings = PosesConfig(poses, TrajectoryConfig(draws=10))
-        worker = make(poses=settings, map_every_s=100.0)
+        worker = make(config=config, poses=settings, map_every_s=100.0)
         worker.refine(placed, limits)
         until(lambda worker=worker: worker.status.state == 'idle' and worker.result, 60.0)
         found[poses] = worker.result
         assert worker.status.stopped == 'sweeps'
+        sensor[poses] = worker.status.sensor
+    # What the beams are like is found at the poses of the end, not at those they came with.
+    assert sensor['fixed'] == fit_sensor(placed, config)[1]
+    assert sensor['joint'] == fit_sensor(worker._poses.placed, config)[1]
+    assert sensor['joint'].sigma.high_95 < sensor['fixed'].sigma.low_95
+    low, spread, high = found['joint'].trajectory.points
+    assert 0.0 < low < spread < high < 0.05
     assert found['fixed'].trajectory is None
     trajectory = found['joint'].trajectory
     poses = xyyaw([belief.mean for belief in trajectory.beliefs])

@@ -51,6 +51,9 @@ def test_what_diagnostics_say():
     assert values['standard deviation of the latest pose (m)'] == f'{math.sqrt(0.13):.4f}'
     assert 'standard deviation of its yaw (degrees)' not in correction_values(two_poses(None))
     assert correction_values(None) == {}
+    told = two_poses(None)._replace(points=(0.01, 0.0123, 0.015))
+    said = correction_values(told)['points off their lines (95 % interval)']
+    assert said == '0.0123 m (0.0100 to 0.0150)'
 
 
 def test_a_server_refines_poses_publishes_and_saves_them(tmp_path):
@@ -81,6 +84,8 @@ def test_a_server_refines_poses_publishes_and_saves_them(tmp_path):
             assert np.hypot(*(off - off.mean(axis=0)).T).mean() < 0.01
             assert np.sqrt(read_pose(latest[-1]).covariance[0, 0]) < 0.06
             observer.until(lambda: 'poses refined' in str(reports[-1:]), 20.0)
+            for name in ('points off their lines', 'sigma of ranges', 'clutter beams'):
+                assert f'{name} (' in str(reports[-1])
             assert server.on_save_map(Trigger.Request(), Trigger.Response()).success
             for name in ('trajectory.txt', 'trajectory_deviations.csv'):
                 lines = (tmp_path / f'map_refined_{name}').read_text().splitlines()
