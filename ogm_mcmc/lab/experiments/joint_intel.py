@@ -2,8 +2,9 @@
 
 Maps come from the even beams of every scan, poses were moved by even beams only, and the odd beams
 judge both at the same poses. Relations between poses that people checked by hand (Kuemmerle et al.
-2009) judge the poses alone: those with a scan at both ends. The log's own stamps were rounded, so
-those of the robot's middleware, by which relations name scans, come from a table beside it.
+2009) judge the poses alone: those with a scan at both ends, within a millisecond, and those whose
+stamps are exactly those of scans. The log's own stamps were rounded, so those of the robot's
+middleware, by which relations name scans, come from a table beside it.
 """
 
 from __future__ import annotations
@@ -48,6 +49,8 @@ STAMPS, ROUGH = 'intel_raw_odometry_910.csv', 'occupancy_slam_start.txt'
 FILES = (LOG, RELATIONS, STAMPS, ROUGH)
 EXPECTED = 'OGM_MCMC_DATA to name a folder with intel/ (log, relations, stamps and rough start)'
 JUDGE = ForwardModelConfig(sigma=0.05)
+# Stamps are of a millionth of a second.
+SAME_STAMP_S = 1e-5
 ONE_DEGREE = math.radians(1.0)
 
 # What Occupancy-SLAM (Zhao et al. 2022), its counter mended, comes to: held-out nats of the
@@ -64,13 +67,17 @@ NOTES = [
 
 
 class Recorded(NamedTuple):
-    """The scans, where the log puts them, the order of their stamps, and what is known."""
+    """The scans, where the log puts them, the order of their stamps, and what is known.
+
+    exact  those relations that hold at the very stamps of scans
+    """
 
     scans: list[Scan]
     given: Float64Array
     order: Int64Array
     relations: Relations
     rough: Float64Array
+    exact: Relations
 
 
 def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
@@ -83,7 +90,7 @@ def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
         poses = refined(recorded, start, spread, replace(config, search=name == 'rough'))
         seconds = time.process_time() - began
         if name != 'given':
-            rows.append(relations_row(f'{name}, start', recorded, start))
+            rows += relations_rows(f'{name}, start', recorded, start)
         nats, error = PEER_NATS.get(name), PEER_RELATIONS[name]
         rows += judged(f'{name}, refined', recorded, poses, nats, error, quick=quick)
         rows.append(row(f'{name}: time, s', seconds, None, 'of processors, draws included'))
@@ -112,12 +119,14 @@ def read_recorded(folder: Path) -> Recorded:
     order = np.argsort([scan.time_s for scan in logged], kind='stable')
     stamps = np.empty(len(logged))
     stamps[order] = read_stamps(folder)[:, 0]
+    known = read_relations(folder / RELATIONS)
     return Recorded(
         [as_scan(scan) for scan in logged],
         xyyaw([scan.laser_pose for scan in logged]),
         order.astype(np.int64),
-        relations_at(read_relations(folder / RELATIONS), stamps),
+        relations_at(known, stamps),
         np.loadtxt(folder / ROUGH),
+        relations_at(known, stamps, SAME_STAMP_S),
     )
 
 
@@ -195,16 +204,20 @@ def judged(
         beams = beam_log_likelihood(grid_map, held_out, model, prior=prior, no_return='ignore')
         peer = None if nats is None else nats[k]
         rows.append(row(f'{name}: {kind}, nats a held-out beam', float(beams.mean()), peer))
-    return [*rows, relations_row(name, recorded, poses, error_m)]
+    return [*rows, *relations_rows(name, recorded, poses, error_m)]
 
 
-def relations_row(
+def relations_rows(
     name: str, recorded: Recorded, poses: Float64Array, peer: float | None = None
-) -> dict[str, Any]:
-    """Return the row of the relations."""
-    errors = relation_errors(poses, recorded.relations).summary()
-    remark = f'{errors["mean_deg"]:.3f} degrees, {recorded.relations.first.size} relations'
-    return row(f'{name}: error of relations, m', errors['mean_m'], peer, remark)
+) -> list[dict[str, Any]]:
+    """Return the rows of the relations, of all and of the exact ones."""
+    rows = []
+    chosen = (('relations', recorded.relations, peer), ('exact relations', recorded.exact, None))
+    for which, relations, published in chosen:
+        errors = relation_errors(poses, relations).summary()
+        remark = f'{errors["mean_deg"]:.3f} degrees, {relations.first.size} {which}'
+        rows.append(row(f'{name}: error of {which}, m', errors['mean_m'], published, remark))
+    return rows
 
 
 def traditional(mapped: Sequence[PlacedScan]) -> tuple[GridMap, float]:

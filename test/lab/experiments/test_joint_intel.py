@@ -16,8 +16,9 @@ CONFIG = TrajectoryConfig(draws=2)
 def recorded() -> joint_intel.Recorded:
     first = np.arange(7)
     relations = Relations(first, first + 1, np.zeros((7, 3)))
+    exact = Relations(*(of[:2] for of in relations))
     return joint_intel.Recorded(
-        scans_of(TRUTH, 240, 0.01), TRUTH, np.arange(8), relations, TRUTH + 0.3
+        scans_of(TRUTH, 240, 0.01), TRUTH, np.arange(8), relations, TRUTH + 0.3, exact
     )
 
 
@@ -41,8 +42,10 @@ def test_starts_are_as_far_off_as_they_say(recorded: joint_intel.Recorded) -> No
 
 
 def test_rows_of_relations_name_their_number(recorded: joint_intel.Recorded) -> None:
-    line = joint_intel.relations_row('given', recorded, TRUTH, 0.017)
+    line, exact = joint_intel.relations_rows('given', recorded, TRUTH, 0.017)
     steps = np.hypot(*np.diff(TRUTH[:, :2], axis=0).T)
     assert line['ours'] == pytest.approx(steps.mean())
-    assert line['published'] == 0.017
+    assert exact['ours'] == pytest.approx(steps[:2].mean())
+    assert (line['published'], exact['published']) == (0.017, None)
     assert line['remark'].endswith('7 relations')
+    assert exact['remark'].endswith('2 exact relations')
