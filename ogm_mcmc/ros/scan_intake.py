@@ -19,6 +19,7 @@ from ogm_mcmc.engine.placing import DROP_REASONS, PoseSource, ScanPlacer
 from ogm_mcmc.engine.pose_history import PoseHistory
 from ogm_mcmc.engine.pose_watch import Corrections, RarePoses
 from ogm_mcmc.engine.range_codes import RangeCodes
+from ogm_mcmc.engine.scan_rhythm import NEVER_CAME, ScanRhythm
 from ogm_mcmc.engine.tf_poses import TfPoses
 from ogm_mcmc.engine.transform_tree import TransformTree
 from ogm_mcmc.errors import GridError, PoseError, ScanError
@@ -80,6 +81,7 @@ class ScanIntake:
         self.counts: Counter[str] = Counter()
         self._read_pose = pose_reader(settings.pose_source, with_covariance=with_covariance)
         self._rare_poses = RarePoses()
+        self._rhythm = ScanRhythm()
         self._pose_topic: AnyReliability | None = None
         self._pose_frame = ''
 
@@ -99,7 +101,7 @@ class ScanIntake:
         from_tf = settings.pose_source == 'tf'
         source: PoseSource = self.transforms if from_tf else PoseHistory()
         self.placer = ScanPlacer(source, mounts=self.mounts, on_drop=self.on_drop)
-        self.problems = Problems(node, lambda: self.placer.dropped)
+        self.problems = Problems(node, lambda: self.placer.dropped + self._rhythm.missed)
         self.codes = RangeCodes(tell=node.get_logger().info)
         names = (TF_TOPIC, TF_STATIC_TOPIC) if from_tf else (settings.pose_source,)
         topics = [self._topic(name) for name in names]
@@ -187,6 +189,11 @@ class ScanIntake:
         self.counts['scans_received'] += 1
         self.watch.scan_came()
         wanted, frame = self.settings.sensor_frame, messages.frame_of(msg)
+        if missing := self._rhythm.add(frame, messages.stamp_of(msg)):
+            what = f'{missing} scan{"s" * (missing > 1)} of {frame!r} never came'
+            self.problems.warn(
+                NEVER_CAME, f'{what}, by the stamps: lost on the way, or not sent', count=False
+            )
         if self.paused:
             self.counts['scans_while_paused'] += 1
             return

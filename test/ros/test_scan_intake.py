@@ -80,6 +80,16 @@ def test_a_covariance_that_nobody_needs_is_not_looked_at(node):
         assert intake.problems.all()['pose_invalid'] == 1 - used
 
 
+def test_scans_that_never_came_are_counted(bench):
+    taken = bench()
+    for k in [*range(25), 30]:
+        stamp_s = 1.0 + 0.1 * k
+        taken.intake.on_pose(pose(stamp_s))
+        taken.scan(stamp_s)
+    assert len(taken.used) == 26
+    assert taken.problems == {'scan_never_came': 5}
+
+
 def test_poses_from_tf(tf_bench):
     taken = tf_bench(pose_source='tf', transform_timeout=1.0)
     taken.tf_static(('base_link', 'laser', 0, 0.0, 0.1, math.pi / 2))
