@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import sys
-import threading
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import NamedTuple
@@ -13,14 +11,13 @@ from typing import NamedTuple
 from tqdm import tqdm
 
 from ogm_mcmc.cli.options import stream_choice
+from ogm_mcmc.cli.saying import say
 from ogm_mcmc.config import MapperConfig, PlacingConfig
 from ogm_mcmc.engine.bag_scans import PlacedScans, StreamTopics, open_scans
 from ogm_mcmc.engine.odometry import OdometryAt
 from ogm_mcmc.geometry import PlacedScan
 
-__all__ = ['BagScans', 'placed_scans', 'read_bag', 'said_if_slow', 'say']
-
-SLOW_S = 3.0
+__all__ = ['BagScans', 'placed_scans', 'read_bag']
 
 
 class BagScans(NamedTuple):
@@ -60,25 +57,6 @@ def placed_scans(
         scans.on_scan = bar.update
         scans.tell = say
         yield scans
-
-
-def say(line: str) -> None:
-    """Print a line for people beside whatever bar there is; one that is lost costs no work."""
-    with contextlib.suppress(OSError):
-        tqdm.write(line, file=sys.stderr)
-        sys.stderr.flush()
-
-
-@contextlib.contextmanager
-def said_if_slow(line: str, after_s: float = SLOW_S) -> Iterator[None]:
-    """Print a line where the block takes longer than so many seconds: nobody waits in the dark."""
-    timer = threading.Timer(after_s, say, [line])
-    timer.daemon = True
-    timer.start()
-    try:
-        yield
-    finally:
-        timer.cancel()
 
 
 def read_bag(

@@ -31,6 +31,7 @@ from ogm_mcmc.cli.options import (
     config_from,
     print_result,
 )
+from ogm_mcmc.cli.saying import say
 from ogm_mcmc.config import PlacingConfig, StopConfig, given
 from ogm_mcmc.config.nodes import NodeMapperConfig
 from ogm_mcmc.errors import BagError, ConfigError, OgmError
@@ -270,7 +271,7 @@ def _process(name: str, arguments: list[str]) -> Iterator[subprocess.Popen[bytes
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()
-            print(f'{name} did not stop on SIGINT and was killed', file=sys.stderr)
+            say(f'{name} did not stop on SIGINT and was killed')
 
 
 @contextlib.contextmanager

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from ogm_mcmc.cli.bag_scans import say
 from ogm_mcmc.cli.import_carmen import describe
 from ogm_mcmc.cli.options import config_from, stream_choice
+from ogm_mcmc.cli.saying import say
 from ogm_mcmc.config import PlacingConfig
 from ogm_mcmc.config.nodes import NodeMapperConfig
 from ogm_mcmc.engine.bag_scans import PlacedScans
@@ -58,7 +57,7 @@ def prepare(path: Path | None, folder: Path, options: argparse.Namespace) -> Dem
         count = write_recording(
             bag_path, record(WORLDS['office'](), Lidar(), np.random.default_rng(1)), overwrite=True
         )
-        print(f'simulated office: {count} scans -> {bag_path}', file=sys.stderr)
+        say(f'simulated office: {count} scans -> {bag_path}')
     elif path.is_dir() or path.suffix in BAG_SUFFIXES or is_recording(path):
         bag_path = path
     else:
@@ -66,7 +65,7 @@ def prepare(path: Path | None, folder: Path, options: argparse.Namespace) -> Dem
         if not path.exists():
             raise LogError(f'{path}: no such file; expected a CARMEN log or a bag')
         how = ImportOptions(field_of_view_deg=options.field_of_view)
-        print(describe(import_carmen(path, bag_path, how, overwrite=True)), file=sys.stderr)
+        say(describe(import_carmen(path, bag_path, how, overwrite=True)))
     return _looked_into(bag_path, options)
 
 

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from ogm_mcmc.cli.bag_scans import say
+from ogm_mcmc.cli.saying import say
 from ogm_mcmc.engine.refinement import Refinement
 from ogm_mcmc.errors import OutputError
 from ogm_mcmc.files.output_files import makeable_folder, refuse_folder, writable_folder

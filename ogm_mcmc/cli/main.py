@@ -11,6 +11,7 @@ from typing import Any
 
 from ogm_mcmc import __version__
 from ogm_mcmc.cli.options import drop_output, path_argument
+from ogm_mcmc.cli.saying import say
 from ogm_mcmc.engine.signals import leave_on_signals
 from ogm_mcmc.errors import OgmError
 
@@ -63,7 +64,7 @@ def run(argv: list[str] | None = None) -> int:
     try:
         return int(options.run(options))
     except OgmError as error:
-        print(f'ogm_mcmc {options.command}: error: {error}', file=sys.stderr)
+        say(f'ogm_mcmc {options.command}: error: {error}')
         return 2
     except KeyboardInterrupt:
         return 130

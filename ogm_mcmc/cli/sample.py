@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from tqdm import tqdm
 
-from ogm_mcmc.cli.bag_scans import BagScans, read_bag, said_if_slow, say
+from ogm_mcmc.cli.bag_scans import BagScans, read_bag
 from ogm_mcmc.cli.kept_state import KeptState
 from ogm_mcmc.cli.option_ranges import Range, check_options
 from ogm_mcmc.cli.options import (
@@ -27,6 +27,7 @@ from ogm_mcmc.cli.options import (
 )
 from ogm_mcmc.cli.sample_files import SampledMaps, write_all
 from ogm_mcmc.cli.sampling_bar import refine_poses, sample
+from ogm_mcmc.cli.saying import said_if_slow, say
 from ogm_mcmc.config import (
     OutputConfig,
     PlacingConfig,
@@ -167,7 +168,7 @@ def _run(
     joint, settings = chosen.poses.joint, chosen.poses.trajectory
     bag = read_bag(options, chosen.placing, beliefs=joint, odometry=joint and settings.odometry)
     read = time.perf_counter()
-    with said_if_slow('compiling the kernels of the sampler (kept for the next time)'):
+    with said_if_slow('loading or compiling the kernels of the sampler (kept for the next time)'):
         warm_up_sampling(chosen.sampler)
     started += time.perf_counter() - read  # compiling is no part of the work
     recording = Recording(chosen.recording)

@@ -2,11 +2,12 @@
 
 import sys
 import threading
+from argparse import Namespace
 
 import pytest
 
-from ogm_mcmc.cli import main
-from ogm_mcmc.cli.bag_scans import said_if_slow, say
+from ogm_mcmc.cli import demo_input, main
+from ogm_mcmc.cli.saying import said_if_slow, say
 
 
 def commands(parser):
@@ -47,8 +48,8 @@ def test_otherwise_all_of_them_are_named(words, capsys):
 
 @pytest.fixture
 def full():
-    """A stream on a disk that is full."""
-    with open('/dev/full', 'w') as stream:
+    """A stream on a disk that is full; it writes every line at once, as standard error does."""
+    with open('/dev/full', 'w', buffering=1) as stream:
         yield stream
         stream.buffer.raw.close()  # or the rest would be tried again
 
@@ -71,9 +72,28 @@ def test_a_note_that_cannot_be_written_costs_no_work(full, monkeypatch):
     say('poses from /pose')
 
 
+def test_an_error_that_cannot_be_written_keeps_its_code(full, tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, 'stderr', full)
+    assert main.run(['info', str(tmp_path / 'none')]) == 2
+
+
+@pytest.mark.parametrize('given', ['log', 'office'])
+def test_a_demo_that_cannot_say_what_it_replays_goes_on(full, given, tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, 'stderr', full)
+    monkeypatch.setattr(demo_input, 'write_recording', lambda *_, **__: 1)
+    monkeypatch.setattr(demo_input, 'record', lambda *_: None)
+    monkeypatch.setattr(demo_input, 'import_carmen', lambda *_, **__: None)
+    monkeypatch.setattr(demo_input, 'describe', lambda _: 'a log')
+    monkeypatch.setattr(demo_input, '_looked_into', lambda bag, _: bag)
+    (tmp_path / 'a.log').touch()
+    path = tmp_path / 'a.log' if given == 'log' else None
+    options = Namespace(field_of_view=0.0)
+    assert demo_input.prepare(path, tmp_path, options) == tmp_path / 'recording'
+
+
 def test_work_that_takes_long_is_said_while_it_goes_on(monkeypatch):
     said = threading.Event()
-    monkeypatch.setattr('ogm_mcmc.cli.bag_scans.say', lambda _: said.set())
+    monkeypatch.setattr('ogm_mcmc.cli.saying.say', lambda _: said.set())
     with said_if_slow('compiling', 0.0):
         assert said.wait(10.0)
     said.clear()
