@@ -25,7 +25,7 @@ the sensor for a little less precise than it is costs less than the other way ro
 
 Readings that others contradict do not count (`contradicted`): they are clutter, which has a share
 of its own. Below a fifth of a cell nothing is gained. Few readings are held at the default by a
-prior of four.
+prior of four, each of which passed or not: it is no surer of the default than four readings are.
 
 Consequence. It costs nothing where shares are found, too: the same counts. Sigma is of the poses
 as they are used: where `sample --poses joint` moved them together first, it is smaller.
@@ -39,7 +39,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ogm_mcmc.arrays import BoolArray, Float64Array, Int64Array
-from ogm_mcmc.config import ForwardModelConfig
+from ogm_mcmc.config import ForwardModelConfig, settings_of
 
 __all__ = ['Spread', 'blur_of', 'contradicted', 'spread_of']
 
@@ -53,9 +53,11 @@ PER_SHARE, PER_ODDS = 1.8, 0.75
 # As if so many readings had been seen before, of a sensor with the default sigma.
 SEEN_BEFORE = 4.0
 
-# Sigma is within so many cells.
+# Sigma is within so many cells, or as many as the default is where cells are finer.
 LEAST_CELLS, MOST_CELLS = 0.2, 4.0
 
+# And within what it may be set to.
+SETTING = next(one for one in settings_of(ForwardModelConfig) if one.name == 'sigma')
 
 # Up to a sigma of so many cells a reading is of the cell that it ends in; from so many on it may
 # as well be of others.
@@ -66,17 +68,19 @@ class Spread(NamedTuple):
     """A standard deviation of ranges, m, how sure it is, m, from so many readings that others met.
 
     The ends are those of its 95 % interval, by chance alone: readings of a wall err alike where
-    poses do.
+    poses do. Without a reading the mean is the default, and nothing is known of how sure it is.
     """
 
     mean: float
-    deviation: float
+    deviation: float | None
     beams: int
-    low_95: float
-    high_95: float
+    low_95: float | None
+    high_95: float | None
 
     def __str__(self) -> str:
         """Return `0.0168 m (0.0150 to 0.0190)`."""
+        if self.beams == 0:
+            return f'{self.mean:.4f} m (not told)'
         return f'{self.mean:.4f} m ({self.low_95:.4f} to {self.high_95:.4f})'
 
 
@@ -113,24 +117,28 @@ def spread_of(
     """
     others = hits - 1 + misses
     counts = (hits > 0) & (others > 0) & ~contradicted(misses, beside - 1)
+    if not counts.any():
+        return Spread(ForwardModelConfig.sigma, None, 0, None, None)
+    default_cells = ForwardModelConfig.sigma / resolution_m
     readings = hits[counts].astype(np.float64)
     passed = misses[counts] / others[counts]
-    default = _share(ForwardModelConfig.sigma / resolution_m)
+    default = _share(default_cells)
     known = readings.sum() + SEEN_BEFORE
     share = float((readings @ passed + SEEN_BEFORE * default) / known)
-    # Readings of one cell are about the same others.
-    squares = readings**2 @ (passed - share) ** 2 + SEEN_BEFORE * (default - share) ** 2
-    deviation = math.sqrt(squares) / known
-    found_m = resolution_m * _cells(share + deviation * np.array([0.0, -1.96, 1.96]))
-    mean, low, high = found_m.tolist()
+    # Readings of one cell are about the same others; those seen before are each of their own.
+    before = (default - share) ** 2 + default * (1.0 - default)
+    squares = readings**2 @ (passed - share) ** 2 + SEEN_BEFORE * before
+    shares = share + math.sqrt(squares) / known * np.array([0.0, -1.96, 1.96])
+    found_m = resolution_m * _cells(shares, max(MOST_CELLS, default_cells))
+    mean, low, high = np.clip(found_m, SETTING.low, SETTING.high).tolist()
     return Spread(mean, (high - low) / 3.92, round(float(readings.sum())), low, high)
 
 
-def _cells(share: Float64Array) -> Float64Array:
-    """Return the sigma, cells, at which such shares of others pass the cell of a reading."""
+def _cells(share: Float64Array, most: float = MOST_CELLS) -> Float64Array:
+    """Return the sigma, cells, up to `most`, at which such shares of others pass."""
     share = np.clip(share, 0.0, 0.99)
     cells = share * np.maximum(PER_SHARE, PER_ODDS / (1.0 - share))
-    limited: Float64Array = np.clip(cells, LEAST_CELLS, MOST_CELLS)
+    limited: Float64Array = np.clip(cells, LEAST_CELLS, most)
     return limited
 
 

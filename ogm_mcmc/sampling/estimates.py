@@ -183,8 +183,9 @@ def at_least(mean: GridMap, least: GridMap) -> GridMap:
     Design note. A cell that the edge of a wall runs through reflected 67 of 143 beams, say. The
     sampler calls it free for certain, since so many passed, and a weight of 0.2 for the share that
     was reflected leaves it at 0.09. But 12 of the demo office's 70 847 free cells reflected more
-    than two beams in ten. So the share itself is the least that is believed, as if 20 more beams
-    had passed (`reflection_map`): of a few beams it says nothing, of hundreds all.
+    than two beams in ten. So the share itself is the least that is believed, as if 5 to 20 more
+    beams had passed, more where readings may be of other cells (`Reflections.least`, `blur_of`):
+    of a few beams it says nothing, of hundreds all.
     Best F1, F1 at 0.5, Brier score and calibration error, the weight 0.2; Intel, every second
     pose mapped: nats a held-out beam:
 

@@ -41,8 +41,8 @@ def test_shares_on_paper():
 def test_readings_that_none_met_and_that_are_contradicted_say_nothing():
     hits, misses = np.array([[1, 1]]), np.array([[0, 40]])
     found = spread_of(hits, misses, beside=np.array([[1, 1]]), resolution_m=CELL)
-    assert found.beams == 0
-    assert found.mean == pytest.approx(DEFAULT)
+    assert found == (DEFAULT, None, 0, None, None)
+    assert str(found) == '0.0500 m (not told)'
     # The same reading beside others of its wall is one that fell short.
     near = spread_of(hits, misses, beside=np.array([[1, 9]]), resolution_m=CELL)
     assert near.beams == 1
@@ -57,6 +57,33 @@ def test_more_readings_make_it_surer_and_limits_hold():
     assert sharp.mean == sharp.low_95 == pytest.approx(LEAST_CELLS * CELL)
     wide = spread_of(np.ones((9, 99), int), np.full((9, 99), 99), np.full((9, 99), 999), CELL)
     assert wide.mean == pytest.approx(MOST_CELLS * CELL)
+
+
+def test_two_readings_that_say_what_was_expected_leave_sigma_in_doubt():
+    """Where the default is 0.9 cells half of the others pass: here one of two."""
+    cell = DEFAULT / 0.9
+    two, many = (
+        spread_of(np.full((1, n), 2), np.full((1, n), 1), np.full((1, n), 9), cell)
+        for n in (1, 100)
+    )
+    assert two.beams == 2
+    assert two.mean == pytest.approx(DEFAULT)
+    assert two.low_95 < 0.5 * DEFAULT < 1.5 * DEFAULT < two.high_95
+    assert many.high_95 - many.low_95 < 0.1 * (two.high_95 - two.low_95)
+
+
+@pytest.mark.parametrize('cell', [0.01, 0.001])
+def test_few_readings_are_held_at_the_default_on_fine_grids_too(cell):
+    """It is more cells there than sigma may be elsewhere."""
+    found = spread_of(np.array([[2]]), np.array([[40]]), np.array([[99]]), cell)
+    assert 0.8 * DEFAULT < found.mean <= DEFAULT
+
+
+@pytest.mark.parametrize('cell', [3.0, 10.0])
+def test_sigma_is_never_more_than_the_setting_may_be(cell):
+    found = spread_of(np.ones((9, 99), int), np.full((9, 99), 99), np.full((9, 99), 999), cell)
+    assert found.mean == found.high_95 == 10.0
+    assert ForwardModelConfig(sigma=found.mean).sigma == 10.0
 
 
 @pytest.mark.parametrize('cells', [0.25, 0.9, 1.05, 1.5, 3.9])
