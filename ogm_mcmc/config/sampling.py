@@ -146,7 +146,8 @@ class ChainConfig:
         0.0,
         'weight, in the probability of a cell, of the share of beams that it reflected of those '
         'that reached it; the maps that were drawn have the rest: cells are taken for free or '
-        'solid, and edges, glass and legs are neither',
+        'solid, and edges, glass and legs are neither. A cell in which a beam ended is lowered '
+        'only where sigma is above half a cell, with all of the weight from 0.85 of one on',
         low=0.0,
         high=0.5,
     )
@@ -154,7 +155,7 @@ class ChainConfig:
         50,
         'largest number of sweeps of each chain that are not counted; of 40 or more the second '
         'half is left out, by eighths, where the chains agree; 16 at most for chains that go on '
-        'with up to a tenth of new scans',
+        'with up to a tenth of new scans, also after a correction of the others',
         low=0,
         high=10**9,
     )

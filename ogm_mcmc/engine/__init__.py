@@ -8,7 +8,8 @@
 `placing` waits for poses and never misplaces a scan; `bag_scans` reads a recording the same way;
 poses come from a history, from a tree of transforms (`transform_tree`, `tf_poses`) or from the
 source that `pose_choice` finds to cover the scans best; `range_codes` knows what a driver sends
-for "nothing was hit", `no_returns` what that means; `deskew` bends scans taken on the move;
+for "nothing was hit", `no_returns` what that means; `sensor_fit` and `range_spread` find how a
+sensor errs, `scan_rhythm` scans that never came; `deskew` bends scans taken on the move;
 `recording` keeps what is to be sampled; `posterior` turns settings into a model of the sampler;
 `refinement` samples for as long as there is time; `worker` does so while its node goes on;
 `recorded_map` maps a bag; `prior_learning` counts patches of maps; what is made here is kept in

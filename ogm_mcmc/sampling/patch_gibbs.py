@@ -85,7 +85,7 @@ is took 51 ms: 2 900 patches with doubt, 26 000 cells, of which 7 000 are in dou
 the others, 9 to 17. Nearly all of the 22 000 flips of a full sweep are of cells behind surfaces.
 
 Decision. Patches with doubt are drawn in every sweep, all nine cells, the others in one of
-`DULL_TURNS`, as before. The burn-in looks where doubt is from its 18th sweep on; where that is it
+`DULL_TURNS`, as before. The burn-in looks where doubt is from its ninth sweep on; where that is it
 decides, once and for all, before a sweep counts (`PosteriorSampler`). Of cells that move, and
 those beside one, an early exit saves nothing, so in patches with doubt their log-odds are summed
 up in full, and the probability is counted in place of what was drawn with it (Rao-Blackwell: the
