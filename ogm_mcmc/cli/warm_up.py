@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import multiprocessing
 import time
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
+from collections.abc import Callable, Iterator
+from multiprocessing.process import BaseProcess
+from typing import Any
 
 from ogm_mcmc.cli.options import Subparsers, add_json, print_result
 from ogm_mcmc.config import MapperConfig
 from ogm_mcmc.config.nodes import RefineSamplerConfig
 from ogm_mcmc.engine.live_map import warm_up_mapping
+from ogm_mcmc.engine.signals import sigint_ignored
 from ogm_mcmc.engine.warm_up import (
     warm_up_chains,
     warm_up_collisions,
@@ -37,18 +40,32 @@ def run(options: argparse.Namespace) -> int:
     """Run the command: the compiler takes one core, so two processes share the work."""
     start = time.monotonic()
     config = RefineSamplerConfig()
-    spawn = multiprocessing.get_context('spawn')
-    with ProcessPoolExecutor(1, mp_context=spawn) as pool:
-        beside = pool.submit(_beside_chains, config)
+    with beside(_beside_chains, config) as process:
         warm_up_chains(config)
-        try:
-            beside.result()
-        except BrokenProcessPool:  # killed
-            _beside_chains(config)
+        process.join()
+    if process.exitcode != 0:  # killed, or at fault: here it is said why
+        _beside_chains(config)
     warm_up_sampling(config)  # what both may have left
     seconds = time.monotonic() - start
     print_result(options, {'seconds': seconds}, f'kernels ready after {seconds:.1f} s')
     return 0
+
+
+@contextlib.contextmanager
+def beside(work: Callable[..., object], *arguments: Any) -> Iterator[BaseProcess]:
+    """Have work done in a new process, which is ended at once where it goes on after the block.
+
+    Ctrl-C does not reach it: this process leaves the block, and ends it.
+    """
+    spawn = multiprocessing.get_context('spawn')
+    process = spawn.Process(target=work, args=arguments, daemon=True)
+    with sigint_ignored():
+        process.start()
+    try:
+        yield process
+    finally:
+        process.terminate()
+        process.join()
 
 
 def _beside_chains(config: RefineSamplerConfig) -> None:

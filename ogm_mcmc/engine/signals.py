@@ -1,7 +1,8 @@
 """Ctrl-C and a polite kill (SIGINT, SIGTERM): all ways in which the package takes them.
 
 Commands leave through every `with` (`leave_on_signals`), sampling ends early (`interruptible`),
-short critical work goes first (`signals_later`), nodes finish what they do (`NotedSignals`).
+short critical work goes first (`signals_later`), nodes finish what they do (`NotedSignals`), and
+children that this process ends by itself hear nothing of Ctrl-C (`sigint_ignored`).
 
 Two places cannot bear an exception. In a callback from C it is printed and lost. And Numba, when
 it takes a numpy Generator apart for a kernel, calls `ctypes.cast` and uses what comes back
@@ -25,6 +26,7 @@ __all__ = [
     'NotedSignals',
     'interruptible',
     'leave_on_signals',
+    'sigint_ignored',
     'signals_later',
     'stop_a_little_later',
 ]
@@ -121,6 +123,23 @@ def signals_later() -> Iterator[None]:
             signal.signal(number, signal.SIG_DFL if handler is None else handler)
         if came:
             signal.raise_signal(came[0])
+
+
+@contextlib.contextmanager
+def sigint_ignored() -> Iterator[None]:
+    """Ignore SIGINT, as processes that are started meanwhile do for good.
+
+    A terminal sends it to them, too, and while they import modules they would complain aloud.
+    Outside of the main thread nothing is changed.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, signal.SIG_DFL if before is None else before)
 
 
 class NotedSignals:

@@ -1,8 +1,12 @@
 """What `warm-up` compiles is what the nodes need by their defaults."""
 
+import contextlib
 import json
-from concurrent.futures import Future, ThreadPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
+import os
+import signal
+import sys
+import time
+from types import SimpleNamespace
 
 import pytest
 
@@ -26,10 +30,15 @@ def asked(monkeypatch):
 
     for name in (MAPPING, MAPS, COLLISIONS, CHAINS, SAMPLING):
         note(name)
-    # A process of its own would know nothing of this.
-    pool = ThreadPoolExecutor(1)
-    monkeypatch.setattr(warm_up, 'ProcessPoolExecutor', lambda n, mp_context: pool)
+    monkeypatch.setattr(warm_up, 'beside', done_here)
     return calls
+
+
+@contextlib.contextmanager
+def done_here(work, *arguments):
+    """A process of its own would know nothing of what a test replaced."""
+    work(*arguments)
+    yield SimpleNamespace(exitcode=0, join=lambda: None)
 
 
 def test_kernels_of_both_nodes_are_made_ready(asked, capsys):
@@ -47,12 +56,33 @@ def test_kernels_of_both_nodes_are_made_ready(asked, capsys):
 
 
 def test_what_a_process_that_was_killed_left_is_compiled_all_the_same(asked, monkeypatch):
-    class Killed(ThreadPoolExecutor):
-        def submit(self, work, *settings):
-            future = Future()
-            future.set_exception(BrokenProcessPool('killed'))
-            return future
+    @contextlib.contextmanager
+    def killed(work, *arguments):
+        yield SimpleNamespace(exitcode=-signal.SIGKILL, join=lambda: None)
 
-    monkeypatch.setattr(warm_up, 'ProcessPoolExecutor', lambda n, mp_context: Killed(n))
+    monkeypatch.setattr(warm_up, 'beside', killed)
     assert run(['warm-up']) == 0
     assert [name for name, *_ in asked] == [CHAINS, MAPPING, MAPS, COLLISIONS, SAMPLING]
+
+
+def test_a_process_beside_ends_at_once_with_the_command_and_not_by_ctrl_c():
+    """It was waited for (SIGTERM: half a minute), or told of Ctrl-C in a traceback."""
+    handler, begun = signal.getsignal(signal.SIGINT), []
+
+    def command():
+        with warm_up.beside(time.sleep, 600.0) as process:
+            begun.append(process)
+            assert signal.getsignal(signal.SIGINT) is handler
+            os.kill(process.pid, signal.SIGINT)
+            sys.exit(143)
+
+    with pytest.raises(SystemExit):
+        command()
+    assert begun[0].exitcode == -signal.SIGTERM
+
+
+def test_a_process_beside_does_what_it_was_given(tmp_path):
+    with warm_up.beside(os.mkdir, tmp_path / 'made') as process:
+        process.join()
+    assert process.exitcode == 0
+    assert (tmp_path / 'made').is_dir()
