@@ -186,6 +186,27 @@ def test_a_robot_that_drives_towards_a_far_wall(step_m):
     assert recognised_codes(scans) == []
 
 
+def through_a_door(side_m, front_m, behind_m, left_m, right_m):
+    """Ranges (720,) of a robot in a square room, and through a door the wall of the next one.
+
+    As a lidar that triangulates counts them: in steps of 1 % at 6 m, and of their square.
+    """
+    angles = np.radians(0.5) * np.arange(720) + 1e-9
+    cos, sin = np.cos(angles), np.sin(angles)
+    in_door = (cos > 0.0) & (-right_m < front_m * sin / cos) & (front_m * sin / cos < left_m)
+    ahead = np.where(in_door, behind_m, np.where(cos > 0.0, front_m, 1.4))
+    ranges = np.minimum(ahead / np.abs(cos), np.where(in_door, np.inf, side_m / np.abs(sin)))
+    count = 0.06 / 6.0**2
+    return 1.0 / (count * np.round(1.0 / (count * ranges)))
+
+
+@pytest.mark.parametrize(
+    'place', [(2.6, 4.4, 9.2, 0.35, 0.55), (2.6, 4.2, 8.9, 0.3, 0.7), (2.1, 4.7, 9.6, 0.5, 0.6)]
+)
+def test_a_far_wall_stays_where_steps_grow_with_range(place):
+    assert recognised_codes(drive(1, lambda _: through_a_door(*place), increment_deg=0.5)) == []
+
+
 def test_too_little_to_tell():
     """Nine equal readings, and three different ones below many: both stay hits."""
     rng = np.random.default_rng(6)
