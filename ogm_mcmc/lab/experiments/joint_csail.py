@@ -2,7 +2,8 @@
 
 The scans and particles are those of `pose-particles`. Every method maps the even beams of all
 scans; only even beams move a pose. Odd beams judge, each method at its own poses: that asks
-whether map and poses agree, and needs no benchmark made by one of the contestants. ROC curves
+whether map and poses agree, and needs no benchmark made by one of the contestants. Points along
+the odd beams give ROC curves of that kind: free on the way, occupied at the end. ROC curves
 against the map of the final trajectory of the SLAM system stand beside it: they punish whatever
 is put elsewhere than that trajectory has it, right or wrong.
 """
@@ -19,7 +20,15 @@ import numpy as np
 from ogm_mcmc.arrays import Float64Array
 from ogm_mcmc.config import ForwardModelConfig, MapperConfig, TrajectoryConfig
 from ogm_mcmc.engine.live_map import map_of
-from ogm_mcmc.evaluation import ForwardModel, aligned, beam_log_likelihood, confusion_counts
+from ogm_mcmc.evaluation import (
+    ForwardModel,
+    aligned,
+    beam_log_likelihood,
+    confusion_counts,
+    held_out_beams,
+    held_out_points,
+    probability_at,
+)
 from ogm_mcmc.evaluation.trajectories import absolute_errors
 from ogm_mcmc.geometry import GridMap, PlacedScan
 from ogm_mcmc.lab.experiments.joint_intel import every_other
@@ -37,6 +46,8 @@ JUDGE = ForwardModelConfig(sigma=0.05)
 LIKELIEST, MEAN, ALL = 'likeliest particle', 'mean pose', 'all particles (pose_uncertain)'
 WEIGHTED = 'all particles, weighed by the map so far'
 FINAL, JOINT = 'final trajectory', 'joint'
+
+POINT_STEP_M = 0.5
 
 # Of a scan's even beams as many count as independent.
 MAP_BEAMS = 5.0
@@ -66,6 +77,9 @@ def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
     refinement = refined(believed, settings)
     maps = maps_of(believed, refinement.poses)
     rows = [row(f'{name}: nats an odd beam', nats_of(believed, one)) for name, one in maps.items()]
+    for name, one in maps.items():
+        area = area_of_points(believed, one)
+        rows.append(row(f'{name}: ROC area, points of odd beams', area))
     found, curves = by_benchmark(believed, maps)
     save_picture(
         folder / 'roc.png',
@@ -130,11 +144,25 @@ def weighted(believed: Sequence[Believed], config: MapperConfig) -> Mapped:
 
 def nats_of(believed: Sequence[Believed], mapped: Mapped) -> float:
     """Return the mean log-likelihood of an odd beam."""
-    scans = [every_other(one.placed.scan, 1) for one in believed]
-    placed = list(map(PlacedScan.at, scans, poses_of(mapped.poses)))
+    placed = odd_beams(believed, mapped)
     model, prior = ForwardModel.from_config(JUDGE), MapperConfig().prior
     beams = beam_log_likelihood(mapped.grid_map, placed, model, prior=prior, no_return='ignore')
     return float(beams.mean())
+
+
+def area_of_points(believed: Sequence[Believed], mapped: Mapped) -> float:
+    """Return the ROC area of points along odd beams: free on the way, occupied at the end."""
+    placed = odd_beams(believed, mapped)
+    beams = held_out_beams(placed, mapped.grid_map.spec, no_return='ignore')
+    points = held_out_points(beams, POINT_STEP_M)
+    found = probability_at(mapped.grid_map, points.xy_m, MapperConfig().prior)
+    return confusion_counts(found, points.occupied).roc_area()
+
+
+def odd_beams(believed: Sequence[Believed], mapped: Mapped) -> list[PlacedScan]:
+    """Return the odd beams where a method has their scans."""
+    scans = [every_other(one.placed.scan, 1) for one in believed]
+    return list(map(PlacedScan.at, scans, poses_of(mapped.poses)))
 
 
 def by_benchmark(

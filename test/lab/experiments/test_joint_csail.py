@@ -38,6 +38,8 @@ def test_odd_beams_move_no_pose_and_judge(believed: list[Believed]) -> None:
     assert nats[joint_csail.JOINT] > nats[joint_csail.MEAN] + 0.2
     assert nats[joint_csail.JOINT] > nats[joint_csail.LIKELIEST] + 0.2
     assert nats[joint_csail.WEIGHTED] > nats[joint_csail.ALL] + 0.05
+    areas = {name: joint_csail.area_of_points(believed, one) for name, one in maps.items()}
+    assert 1.0 > areas[joint_csail.JOINT] > areas[joint_csail.MEAN] > 0.5
     for one in believed:
         one.placed.scan.ranges_m[1::2] = 1.0
     again = joint_csail.refined(believed, replace(SETTINGS)).poses
