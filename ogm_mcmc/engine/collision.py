@@ -42,6 +42,9 @@ __all__ = ['LUMP_M2', 'collision_risk']
 # So much unknown space, m2, is one chance to meet something.
 LUMP_M2 = 0.6
 
+# Beyond, a float no longer says which cell a place lies in, and soon no integer does.
+FURTHEST_CELLS = 1e15
+
 
 def collision_risk(
     samples: SampleBits, places: Any, radius_m: float, unknown: float
@@ -52,8 +55,8 @@ def collision_risk(
     A cell that any point of the disc lies in counts. Of cells that were not sampled, or lie
     outside of the map, nothing is known: each `LUMP_M2` of them, or a disc full if that is less,
     is one chance, `unknown`, to be blocked, beside what the samples say.
-    Raises PoseError without places and for those that are not finite, ConfigError for a radius
-    below 0.
+    Raises PoseError without places and for those that are not finite or more than 1e15 cells
+    away from the map, ConfigError for a radius below 0 or as large as that.
     """
     spec = samples.spec
     points: Float64Array = np.asarray(places, np.float64)
@@ -61,11 +64,19 @@ def collision_risk(
         raise PoseError(f'places of shape {points.shape}: expected (N, 2), N at least 1')
     if not np.isfinite(points).all():
         raise PoseError('a place of the way is not finite: expected x and y in m')
-    if not 0.0 <= radius_m < np.inf:
-        raise ConfigError(f'robot_radius is {radius_m}: expected 0 or more')
+    furthest_m = FURTHEST_CELLS * spec.resolution_m
+    if not 0.0 <= radius_m <= furthest_m:
+        raise ConfigError(f'robot_radius is {radius_m}: expected 0 or more, up to {furthest_m:g}')
     risk = np.empty(len(points) + 1)
-    origin = (spec.origin_x_m, spec.origin_y_m)
-    cells = np.ascontiguousarray((points - origin) / spec.resolution_m)
+    away = points - (spec.origin_x_m, spec.origin_y_m)
+    far = np.flatnonzero(~(np.abs(away) <= furthest_m).all(axis=1))
+    if far.size:
+        x, y = points[far[0]]
+        raise PoseError(
+            f'place {far[0] + 1} of the way is ({x:g}, {y:g}): expected x and y in m, up to '
+            f'{furthest_m:g} from the map'
+        )
+    cells = np.ascontiguousarray(away / spec.resolution_m)
     radius = radius_m / spec.resolution_m
     lump = LUMP_M2 / spec.resolution_m**2
     way_risk(samples.words, samples.known, samples.draws, cells, radius, unknown, lump, risk)

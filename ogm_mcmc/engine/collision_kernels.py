@@ -47,7 +47,8 @@ def add_blocked(words, known, ax, ay, bx, by, radius, blocked):
 
     words    (height, width, L) uint64, bit s % 64 of word s // 64: occupied in sample s
     known    (height, width) bool; every cell outside is unknown
-    ax..by   both ends, in cells from the lower left corner of the map; radius, cells
+    ax..by   both ends, in cells from the lower left corner of the map; radius, cells: numbers that
+             fit an integer of 64 bits
     blocked  (L,) uint64, output: bits are added
     Far outside of the map no more than FAR rows are counted: a way cannot take forever.
     """

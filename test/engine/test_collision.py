@@ -107,6 +107,7 @@ def test_far_outside_of_the_map_is_answered_at_once():
     assert risk[:2] == pytest.approx(1.0 - 0.8 ** (1 / LUMP_M2), abs=0.3)
     assert risk[2] == pytest.approx(1.0)
     assert collision_risk(samples, [(0.5, -9.5)], 0.4, 1.0).tolist() == [1.0, 1.0]
+    assert collision_risk(samples, [(0.5, 0.5), (1e15, -1e15)], 0.4, 0.2)[2] == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize('seed', range(4))
@@ -150,7 +151,10 @@ def test_hundred_poses_and_64_samples_are_asked_in_time():
     [
         ([], 0.2, PoseError, r'shape \(0,\): expected \(N, 2\)'),
         ([(1.0, np.nan)], 0.2, PoseError, 'not finite'),
+        ([(1.0, 1.0), (1e19, 1.0)], 0.2, PoseError, r'place 2 of the way is \(1e\+19, 1\)'),
+        ([(1.0, -1.1e15)], 0.2, PoseError, r'up to 1e\+15 from the map'),
         ([(1.0, 1.0)], -0.1, ConfigError, 'robot_radius is -0.1'),
+        ([(1.0, 1.0)], 1e200, ConfigError, r'robot_radius is 1e\+200'),
     ],
 )
 def test_bad_questions_are_named(places, radius, error, text):
