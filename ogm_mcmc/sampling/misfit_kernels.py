@@ -11,7 +11,7 @@ import numpy as np
 
 from ogm_mcmc.geometry.traversal_kernels import SHIFT
 from ogm_mcmc.sampling.borrowed_arrays import borrowed
-from ogm_mcmc.sampling.gibbs_kernels import SLACK
+from ogm_mcmc.sampling.gibbs_kernels import SLACK, UNTOLD
 from ogm_mcmc.sampling.kernel_options import inlined, kernel
 from ogm_mcmc.sampling.ray_index_kernels import NEAR, WIDTH, hit_behind, list_of
 from ogm_mcmc.sampling.ray_line_kernels import (
@@ -116,6 +116,7 @@ def sweep_lists(
 
     most, fitting_ceiling  what `gain` and `ceiling` are of free cells that no misfit reaches
     reached  of no ray; filled here
+    What lies behind first hits is told of no ray afterwards.
     """
     cells, records, bits = borrowed(cells), borrowed(records), borrowed(bits)
     marks, lists, gain = borrowed(marks), borrowed(lists), borrowed(gain)
@@ -126,6 +127,7 @@ def sweep_lists(
     for n in range(records.shape[0]):
         start = rays[n, START]
         mark_reached(n, start & LOW_32, start >> 32, bits, records, best, reached, rays, width)
+        records[n, 2] = UNTOLD
     flips = 0
     for j in range(order.size):
         cell = np.int64(order[j])

@@ -65,7 +65,8 @@ def draw_lists(
 ) -> int:
     """Draw the cells of `order` (C,) int32 as `draw_cells` does; return the number of flips.
 
-    state  cells (K,) and records (N, 2); ceilings (K,): for all maps, and where all rays fit
+    state  cells (K,) and records (N, 4) int32, see `gibbs_kernels`; ceilings (K,): for all maps,
+           and where all rays fit
     """
     cells, records = state
     near_bits, ray_bits = index.near.view(np.float32), index.rays.view(np.float32)
