@@ -321,7 +321,8 @@ class PatchModel(IndexedModel):
         escape = self._escape(settling)
         if focus is None:
             return self.draw_patches(rng, self.order_of_sweep(rng), state, escape)
-        whole = None if settling else min(self.whole_share, SETTLED_WHOLE_SHARE)
+        seldom = self.flip_cells and not settling
+        whole = SETTLED_WHOLE_SHARE if seldom else None
         active, dull = parts_of_turn(rng, focus)
         flips = self.draw_patches(rng, active, state, escape, focus.doubted, chances, whole)
         if dull.size:

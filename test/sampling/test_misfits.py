@@ -70,7 +70,7 @@ def test_draws_of_a_room_from_any_start(sigma_m, wrong, share):
 
 
 def test_nothing_told_of_what_lies_behind_first_hits_is_left_to_grow_old():
-    """Single cells drawn by their rays look behind first hits; sweeps that mark rays flip those."""
+    """Plain draws of cells look behind first hits; sweeps that mark rays flip what they saw."""
     model = room(0.4)
     state = model.start(np.ones(model.n_cells, np.uint8))
     rng, told = np.random.default_rng(3), 0

@@ -200,15 +200,22 @@ def test_random_order_draws_as_many_patches_anywhere():
 
 
 @pytest.mark.parametrize(
-    ('settling', 'looking', 'expected'),
-    [(True, True, 0.25), (False, False, 0.25), (False, True, 1.0 / 16.0)],
+    ('flip_cells', 'settling', 'looking', 'expected'),
+    [
+        (True, True, True, 0.25),
+        (True, False, False, 0.25),
+        (True, False, True, 1.0 / 16.0),
+        # Where cells are not drawn by themselves the patch is all that a turn draws.
+        (False, False, True, 1.0),
+    ],
 )
 def test_patches_are_drawn_whole_more_seldom_where_sweeps_count(
-    settling, looking, expected, monkeypatch, buildings
+    flip_cells, settling, looking, expected, monkeypatch, buildings
 ):
     width = 40
     index = window_of(two_scans(), width, 30, cut_sigma=1.0).index
-    sampler = PatchModel(index, width, table_of('border', buildings), margin=3, flip_cells=True)
+    table = table_of('border', buildings)
+    sampler = PatchModel(index, width, table, margin=3, flip_cells=flip_cells)
     shares = []
     kernel = getattr(sweep_patches, 'py_func', sweep_patches)
     at = list(inspect.signature(kernel).parameters).index('whole_share')
