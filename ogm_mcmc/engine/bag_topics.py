@@ -126,9 +126,10 @@ def _with_poses(
         remarks.append(
             f'stamps on {", ".join(unstamped)} are all 0: the times of recording are taken'
         )
-    if seen.unstamped_frames:
+    unstamped_frames = _unstamped_above(seen, scans, frames.base_frame)
+    if unstamped_frames:
         remarks.append(
-            f'stamps of transforms to {", ".join(seen.unstamped_frames)} are all 0: the times of '
+            f'stamps of transforms to {", ".join(unstamped_frames)} are all 0: the times of '
             'recording are taken'
         )
     return StreamTopics(
@@ -144,7 +145,15 @@ def _with_poses(
         frozenset(unstamped),
         bool(moved_by),
         tuple(record for one in scans for record in one.sampled),
+        unstamped_frames,
     )
+
+
+def _unstamped_above(seen: BagSurvey, scans: list[SeenTopic], base: str) -> tuple[str, ...]:
+    """Return the frames without stamps that say where sensors and base are."""
+    below = {base}.union(*(scan.frames for scan in scans))
+    above = {one for frame in below for one in seen.tree.ancestors(frame)}
+    return tuple(frame for frame in seen.unstamped_frames if frame in above)
 
 
 # -- poses ----------------------------------------------------------------------------------

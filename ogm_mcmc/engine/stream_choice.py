@@ -64,7 +64,8 @@ class StreamTopics(NamedTuple):
     `sensors`: frame of each, and a stamp of one of its scans. `unstamped`: topics whose messages
     count by the times they were recorded at, for want of a stamp. `trajectory`: all poses that are
     used of a file, with `filled_in` also those that odometry tells between them. `sampled`: scans
-    from all over the bag.
+    from all over the bag. `unstamped_frames`: those whose transforms count by the times they were
+    recorded at, from sensors and base up to the root.
     """
 
     scans: tuple[BagTopic, ...]
@@ -79,6 +80,7 @@ class StreamTopics(NamedTuple):
     unstamped: frozenset[str] = frozenset()
     filled_in: bool = False
     sampled: tuple[BagRecord, ...] = ()
+    unstamped_frames: tuple[str, ...] = ()
 
     @property
     def pose_name(self) -> str:

@@ -1,15 +1,14 @@
 """Poses of a recording, computed at the stamps of its scans, for nodes that cannot take them.
 
-Transforms cannot be sent where tf2_msgs is not installed, those that all bear the stamp 0 are of
-no use to a node, and the poses of a file are on no topic.
+Transforms cannot be sent where tf2_msgs is not installed, those to a frame that always bear the
+stamp 0 are of no use to a node (as `choose_topics` found them, whose answer `map` goes by), and
+the poses of a file are on no topic.
 What tf says of the sensors is told as the parameter that says the same; of those that move on the
 robot it is sent on a topic of its own (`mount_topic`), at the stamp of each scan.
 """
 
 from __future__ import annotations
 
-import contextlib
-import itertools
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
@@ -28,7 +27,6 @@ from ogm_mcmc.errors import BagError, PoseError
 from ogm_mcmc.io import messages
 from ogm_mcmc.io.bag_headers import StoredHeader, stored_header
 from ogm_mcmc.io.bags import BagReader, BagRecord
-from ogm_mcmc.io.tf_messages import TF_TYPES, is_static, read_transforms
 from ogm_mcmc.ros import qos
 from ogm_mcmc.ros.mount_topic import TOPIC as MOUNT_TOPIC
 from ogm_mcmc.ros.mount_topic import MountOutlet
@@ -36,9 +34,6 @@ from ogm_mcmc.ros.mount_topic import MountOutlet
 __all__ = ['ComputedPoses', 'computed_poses']
 
 TOPIC = 'pose'
-
-# So many messages of tf tell whether they carry stamps.
-LOOKED_AT = 100
 
 
 class ComputedPoses:
@@ -106,14 +101,13 @@ def computed_poses(
     """
     log: Callable[[str], object] = node.get_logger().info
     asked = settings.pose_source not in ('auto', 'none') or settings.trajectory != ''
-    tf_is_sent = tf_is_sent and not _tf_is_unstamped(bag)
-    if settings.pose_source == 'none' or (not asked and (tf_is_sent or settings.topics)):
+    if settings.pose_source == 'none' or (not asked and settings.topics):
         return None
     choice = StreamChoice(
         scan_topic=settings.scan_topic,
         map_frame=settings.map_frame,
         base_frame=settings.base_frame,
-        pose_source='auto' if settings.pose_source == 'none' else settings.pose_source,
+        pose_source=settings.pose_source,
         trajectory=Path(settings.trajectory) if settings.trajectory else None,
         trajectory_stamps=Path(settings.trajectory_stamps) if settings.trajectory_stamps else None,
     )
@@ -123,6 +117,8 @@ def computed_poses(
     except BagError:
         if asked:
             raise
+        return None
+    if not asked and tf_is_sent and not topics.unstamped_frames:
         return None
     scans = PlacedScans(bag, topics, choice)
     for line in topics.remarks:
@@ -141,16 +137,6 @@ def computed_poses(
         verb = 'moves' if len(moving) == 1 else 'move'
         log(f'{", ".join(moving)} {verb} on the robot: where to is published on {MOUNT_TOPIC}')
     return ComputedPoses(node, scans, moving)
-
-
-def _tf_is_unstamped(bag: BagReader) -> bool:
-    """Whether no transform that moves says when: nodes cannot place scans by such."""
-    moving = [t.name for t in bag.topics() if t.msgtype in TF_TYPES and not is_static(t.name)]
-    stamps: list[int] = []
-    for record in itertools.islice(bag.records(moving), LOOKED_AT):
-        with contextlib.suppress(BagError):
-            stamps += [entry.stamp_ns for entry in read_transforms(bag.decode(record)).entries]
-    return len(stamps) > 0 and not any(stamps)
 
 
 def _told_of_mounts(mounts: list[MountFound], base_frame: str) -> str:

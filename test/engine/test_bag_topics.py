@@ -322,6 +322,10 @@ def test_transforms_without_stamps_count_from_when_they_were_recorded(choose, sc
     topics.require_stamps('bag')  # poses at the stamps of the scans can be computed
     first = ('/tf', STAMPS[0], transform(0, 'odom', 'base_link', 0.0, 0.0, 0.0))
     assert choose([*scans(), first, *tf()])[2] == choose([*scans(), *tf()])[2]
+    # What carries no sensor does not count; the base does, wherever the sensor sits on it.
+    ball = [('/tf', t, transform(0, 'odom', 'ball', 0.1, 0.0, 0.0)) for t in STAMPS]
+    topics, _, _ = choose([*scans(frame='unknown'), *moving, *ball])
+    assert topics.unstamped_frames == ('base_link',)
 
 
 def test_a_frame_that_was_asked_for_and_is_not_there(choose, scans):

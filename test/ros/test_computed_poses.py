@@ -31,6 +31,7 @@ approx = pytest.approx
 
 SECOND = 1_000_000_000
 STAMPS = [20 * SECOND + k * SECOND // 10 for k in range(6)]
+NUMBERED = list(enumerate(STAMPS))
 
 
 @pytest.fixture
@@ -70,13 +71,17 @@ def test_poses_of_tf_are_computed_where_tf_cannot_be_sent(write_bag, records):
     assert 'pose_source:=pose map_frame:=map' in output
 
 
-@pytest.mark.parametrize(('stamped', 'computed'), [(True, False), (False, True)])
+@pytest.mark.parametrize(
+    ('unstamped', 'computed'),
+    [((), False), (('odom', 'base_link'), True), (('base_link',), True), (('ball',), False)],
+)
 def test_poses_of_tf_without_stamps_are_computed_even_where_tf_is_sent(
-    write_bag, records, stamped, computed
+    write_bag, records, unstamped, computed
 ):
-    """Nodes see no times of recording, by which `map` goes."""
-    for name, _, message in () if stamped else records:
-        if name == '/tf':
+    """Nodes see no times of recording, by which `map` goes. A ball carries no sensor."""
+    records += [('/tf', t, transform(t, 'odom', 'ball', 3.0, 0.1 * k, 0.0)) for k, t in NUMBERED]
+    for name, _, message in records:
+        if name == '/tf' and message.transforms[0].child_frame_id in unstamped:
             stamp = message.transforms[0].header.stamp
             stamp.sec = stamp.nanosec = 0
     with BagReader(write_bag(records)) as bag, local_node(partial(Node, 'player')) as node:
@@ -85,6 +90,16 @@ def test_poses_of_tf_without_stamps_are_computed_even_where_tf_is_sent(
         if poses is not None:
             sent = [poses.before(record) for record in bag.records(('/scan',))]
             assert sent == [['pose']] * 5 + [[]]
+
+
+def test_a_clock_that_began_late_leaves_tf_of_use(write_bag, records):
+    """`map` goes by the stamps that follow, and so do nodes: however many of 0 were first."""
+    early = ('/tf', STAMPS[0], transform(0, 'odom', 'base_link', 0.0, 1.0, 0.0))
+    with (
+        BagReader(write_bag([early] * 120 + records)) as bag,
+        local_node(partial(Node, 'player')) as node,
+    ):
+        assert computed_poses(node, bag, ReplayConfig(), tf_is_sent=True) is None
 
 
 def place(pose):
