@@ -7,6 +7,7 @@ import pytest
 from support.naive_collision import risk_by_cells
 
 from ogm_mcmc.engine.collision import LUMP_M2, collision_risk
+from ogm_mcmc.engine.collision_kernels import add_blocked
 from ogm_mcmc.errors import ConfigError, PoseError
 from ogm_mcmc.evaluation import reliability
 from ogm_mcmc.geometry import GridSpec, SampleBits
@@ -102,10 +103,16 @@ def test_the_more_is_unknown_the_likelier_it_blocks():
 
 
 def test_far_outside_of_the_map_is_answered_at_once():
+    """At once: of 2e12 cells on the way no more than some thousand are looked at."""
     samples = bits(CLEAR)
-    risk = collision_risk(samples, [(0.5, 1e12), (0.5, -1e12)], 0.4, 0.2)
-    assert risk[:2] == pytest.approx(1.0 - 0.8 ** (1 / LUMP_M2), abs=0.3)
+    above, below = (0.5, 1e12 + 0.5), (0.5, -1e12 + 0.5)  # in the middle of a cell
+    risk = collision_risk(samples, [above, below], 0.4, 0.2)
+    assert risk[:2] == pytest.approx(1.0 - 0.8 ** (1 / LUMP_M2), abs=1e-12)
     assert risk[2] == pytest.approx(1.0)
+    blocked = np.zeros(1, np.uint64)
+    unknown, cells = add_blocked(samples.words, samples.known, *above, *below, 0.4, blocked)
+    assert (unknown, blocked[0]) == (cells - 3, 0)  # all of column 0 of the map was seen
+    assert 1000 < cells < 10_000
     assert collision_risk(samples, [(0.5, -9.5)], 0.4, 1.0).tolist() == [1.0, 1.0]
     assert collision_risk(samples, [(0.5, 0.5), (1e15, -1e15)], 0.4, 0.2)[2] == pytest.approx(1.0)
 
