@@ -16,11 +16,12 @@ walls and furniture, not in cells. Of ways that were free where the map knows, 0
 up to 8 unknown cells of 0.1 m, 0.06 by 9 to 16, 0.2 by 17 to 32, 0.5 by more. A disc that stands
 in unknown space alone is one chance at least: 0.2 to 0.5 of the ways that end so are blocked.
 
-Consequence. The error over all ways is 0.008 to 0.020 (before: 0.009 to 0.031; docs/results.md,
-collisions). Best for single buildings would be 0.25 m2 (cluttered) to 1.1 (halls). Single places
-in unknown space behind a wall are more often solid (0.45 to 0.8) than is said, 0.31: they err by
-0.015 to 0.05. Smoothed shares instead of hits of 64 samples were not needed: where all is known
-the error of ways is 0.009 to 0.021.
+Consequence. The error over all ways of the buildings it was chosen by is 0.008 to 0.020 (before:
+0.009 to 0.031); of others, sparser too, 0.006 to 0.032 (docs/results.md, collisions). Best for
+single buildings would be 0.25 m2 (cluttered) to 1.1 (halls). Single places in unknown space behind
+a wall are more often solid (0.45 to 0.8) than is said, 0.31: they err by 0.015 to 0.05. Smoothed
+shares instead of hits of 64 samples were not needed: where all is known the error of ways is 0.006
+to 0.027.
 
 One word holds a cell's value in 64 samples (`SampleBits`), so that one pass over the cells of a
 way asks all.
