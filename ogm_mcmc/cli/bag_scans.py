@@ -11,10 +11,10 @@ from typing import NamedTuple
 from tqdm import tqdm
 
 from ogm_mcmc.cli.options import stream_choice
-from ogm_mcmc.cli.saying import say
 from ogm_mcmc.config import MapperConfig, PlacingConfig
 from ogm_mcmc.engine.bag_scans import PlacedScans, StreamTopics, open_scans
 from ogm_mcmc.engine.odometry import OdometryAt
+from ogm_mcmc.files.saying import say
 from ogm_mcmc.geometry import PlacedScan
 
 __all__ = ['BagScans', 'placed_scans', 'read_bag']

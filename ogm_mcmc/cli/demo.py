@@ -31,12 +31,12 @@ from ogm_mcmc.cli.options import (
     config_from,
     print_result,
 )
-from ogm_mcmc.cli.saying import say
 from ogm_mcmc.config import PlacingConfig, StopConfig, given
 from ogm_mcmc.config.nodes import NodeMapperConfig
 from ogm_mcmc.errors import BagError, ConfigError, OgmError
 from ogm_mcmc.files.output_files import folder_to_fill
 from ogm_mcmc.files.processes import ending_with_this
+from ogm_mcmc.files.saying import say
 from ogm_mcmc.io.map_sheet import save_side_by_side
 
 __all__ = ['add_to']

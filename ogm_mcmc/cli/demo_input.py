@@ -11,13 +11,13 @@ import numpy as np
 
 from ogm_mcmc.cli.import_carmen import describe
 from ogm_mcmc.cli.options import config_from, stream_choice
-from ogm_mcmc.cli.saying import say
 from ogm_mcmc.config import PlacingConfig
 from ogm_mcmc.config.nodes import NodeMapperConfig
 from ogm_mcmc.engine.bag_scans import PlacedScans
 from ogm_mcmc.engine.bag_topics import choose_topics
 from ogm_mcmc.engine.mounts import mounts_setting
 from ogm_mcmc.errors import LogError
+from ogm_mcmc.files.saying import say
 from ogm_mcmc.io.bag_files import is_recording
 from ogm_mcmc.io.bags import BagReader
 from ogm_mcmc.io.carmen_import import ImportOptions, import_carmen

@@ -6,10 +6,10 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from ogm_mcmc.cli.saying import say
 from ogm_mcmc.engine.refinement import Refinement
 from ogm_mcmc.errors import OutputError
 from ogm_mcmc.files.output_files import makeable_folder, refuse_folder, writable_folder
+from ogm_mcmc.files.saying import say
 
 __all__ = ['KeptState']
 

@@ -27,7 +27,6 @@ from ogm_mcmc.cli.options import (
 )
 from ogm_mcmc.cli.sample_files import SampledMaps, write_all
 from ogm_mcmc.cli.sampling_bar import refine_poses, sample
-from ogm_mcmc.cli.saying import said_if_slow, say
 from ogm_mcmc.config import (
     OutputConfig,
     PlacingConfig,
@@ -50,6 +49,7 @@ from ogm_mcmc.engine.tiled_refinement import TiledRefinement
 from ogm_mcmc.engine.warm_up import warm_up_sampling
 from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.files.output_files import checked_name, makeable_folder
+from ogm_mcmc.files.saying import said_if_slow, say
 from ogm_mcmc.geometry import GridMap, GridSpec
 from ogm_mcmc.io.map_files import load_grid
 from ogm_mcmc.lab.cluster import distribute

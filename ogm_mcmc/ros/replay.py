@@ -26,6 +26,7 @@ from tqdm import tqdm
 from ogm_mcmc.config import add_arguments, given
 from ogm_mcmc.config.nodes import ReplayConfig
 from ogm_mcmc.errors import BagError, ConfigError
+from ogm_mcmc.files.saying import say
 from ogm_mcmc.files.user_paths import user_path
 from ogm_mcmc.io.bags import BagReader, BagRecord, BagTopic
 from ogm_mcmc.io.messages import time_parts
@@ -378,7 +379,7 @@ def main(args: list[str] | None = None) -> None:
         with ros_args_explained():
             own = remove_ros_args(argv)[1:]
     except ConfigError as error:
-        print(f'error: {error}', file=sys.stderr)
+        say(f'error: {error}')
         sys.exit(2)
     options = parser.parse_args(own)
     sys.exit(replay(options, argv[1:]))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import gc
-import sys
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -16,6 +15,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from ogm_mcmc.engine.signals import NotedSignals
 from ogm_mcmc.errors import ConfigError, OgmError
+from ogm_mcmc.files.saying import say
 
 __all__ = ['StopSignal', 'ros_args_explained', 'run_node']
 
@@ -66,7 +66,7 @@ def run_node(
             with ros_args_explained():
                 rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
         except ConfigError as error:
-            print(f'error: {error}', file=sys.stderr)
+            say(f'error: {error}')
             return 2
         except KeyboardInterrupt:
             return 0
@@ -77,7 +77,7 @@ def run_node(
         except KeyboardInterrupt:
             pass
         except OgmError as error:
-            print(f'error: {error}', file=sys.stderr)
+            say(f'error: {error}')
             return 2
         finally:
             if node is not None:

@@ -7,7 +7,7 @@ from argparse import Namespace
 import pytest
 
 from ogm_mcmc.cli import demo_input, main
-from ogm_mcmc.cli.saying import said_if_slow, say
+from ogm_mcmc.files.saying import said_if_slow, say
 
 
 def commands(parser):
@@ -93,7 +93,7 @@ def test_a_demo_that_cannot_say_what_it_replays_goes_on(full, given, tmp_path, m
 
 def test_work_that_takes_long_is_said_while_it_goes_on(monkeypatch):
     said = threading.Event()
-    monkeypatch.setattr('ogm_mcmc.cli.saying.say', lambda _: said.set())
+    monkeypatch.setattr('ogm_mcmc.files.saying.say', lambda _: said.set())
     with said_if_slow('compiling', 0.0):
         assert said.wait(10.0)
     said.clear()

@@ -1,5 +1,7 @@
 """How nodes are made and cleaned up."""
 
+import sys
+
 import pytest
 
 pytest.importorskip('rclpy', reason='rclpy is not installed: no ROS tests')
@@ -27,3 +29,16 @@ def test_a_node_that_is_half_made_is_gone_as_well(capsys):
         assert run_node(Half, []) == 2
         observer.lets_go_of('half')
     assert capsys.readouterr().err == 'error: no laser\n'
+
+
+def test_an_error_that_cannot_be_written_keeps_its_code(monkeypatch):
+    """Standard error on a full disk: nodes ended with 1, as if the fault were theirs."""
+
+    def at_fault():
+        raise ConfigError('no laser')
+
+    with open('/dev/full', 'w', buffering=1) as full:
+        monkeypatch.setattr(sys, 'stderr', full)
+        assert run_node(at_fault, []) == 2
+        assert run_node(at_fault, ['--ros-args', '-p', 'nonsense']) == 2
+        full.buffer.raw.close()  # or the rest would be tried again

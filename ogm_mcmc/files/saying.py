@@ -1,4 +1,4 @@
-"""Lines for people on standard error: the door of all commands."""
+"""Lines for people on standard error: the door of all commands and nodes."""
 
 from __future__ import annotations
 
