@@ -116,19 +116,26 @@ class Joining:
 
     def lines_alone(self, shared: Shared, rays: BeamRays) -> BeamRays:
         """Return the lines that beams of a scan began, of all that will lie along them."""
-        if self._extents is None:
-            self._extents = np.empty((self.n_rays - self._n_before, 2))
-            for lines in self.places.values():
-                if isinstance(lines, Lines):
-                    new = lines.ray >= self._n_before
-                    at = lines.ray[new] - self._n_before
-                    self._extents[at, 0] = lines.nearest[new]
-                    self._extents[at, 1] = lines.length[new]
+        extents = self._extents
+        if extents is None:
+            # Kept once it is whole: chains may ask at once, each in its thread.
+            self._extents = extents = self._new_extents()
         chosen = BeamRays(*(array[shared.began] for array in rays))
-        nearest, length = self._extents[shared.ray[shared.began] - self._n_before].T
+        nearest, length = extents[shared.ray[shared.began] - self._n_before].T
         return chosen._replace(
             length=length.copy(), reading=np.full(length.size, np.nan), reach=nearest.copy()
         )
+
+    def _new_extents(self) -> Float64Array:
+        """Return from where (m) to where (cells) each new ray is near to cells (n, 2)."""
+        extents = np.empty((self.n_rays - self._n_before, 2))
+        for lines in self.places.values():
+            if isinstance(lines, Lines):
+                new = lines.ray >= self._n_before
+                at = lines.ray[new] - self._n_before
+                extents[at, 0] = lines.nearest[new]
+                extents[at, 1] = lines.length[new]
+        return extents
 
     def _lines_of(self, known: Alone | Lines | None) -> Lines:
         if known is None:

@@ -9,7 +9,9 @@ from support.strategies import fan
 from ogm_mcmc.config import ForwardModelConfig, WindowConfig
 from ogm_mcmc.geometry import CellBox, PlacedScan, Pose2D
 from ogm_mcmc.sampling import CellModel, RayWindow
-from ogm_mcmc.sampling.ray_merging import Lines, joined
+from ogm_mcmc.sampling.beam_rays import rays_of_scan
+from ogm_mcmc.sampling.ray_merging import Joining, Lines, joined
+from ogm_mcmc.sensors.forward_model import ForwardModel
 
 approx = pytest.approx
 
@@ -47,6 +49,36 @@ def window_of(parts, model, merge):
 def log_likelihoods(window, maps):
     model = CellModel(window.index, math.log(0.2 / 0.8), window.spec.width)
     return np.array([model.log_likelihood(model.start(cells)) for cells in maps])
+
+
+class AskedMeanwhile(dict):
+    """Places that are read while somebody else asks, as chains do, each in its thread."""
+
+    ask = None
+
+    def values(self):
+        if self.ask is not None:
+            ask, self.ask = self.ask, None
+            self.told = ask()
+        return super().values()
+
+
+def test_lines_that_two_ask_for_at_once_are_whole_for_both():
+    scans = standing(6, seed=3, noise_m=0.2)
+    forward = ForwardModel.from_config(MODELS['beam'])
+
+    def cast(placed):
+        return rays_of_scan(placed, WindowConfig(resolution=0.2), forward.sigma_m)
+
+    joining = Joining({}, 0, scans, cast, forward, 0.2)
+    rays = cast(scans[0])
+    shared = [joining.take(scan, cast(scan)) for scan in scans][0]
+    joining.places = AskedMeanwhile(joining.places)
+    joining.places.ask = lambda: joining.lines_alone(shared, rays)
+    expected = joining.lines_alone(shared, rays)
+    assert expected.length.min() > 1.0
+    for mine, its in zip(joining.places.told, expected, strict=True):
+        assert np.array_equal(mine, its, equal_nan=True)
 
 
 @pytest.mark.parametrize('kind', MODELS)
