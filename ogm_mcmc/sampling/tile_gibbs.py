@@ -43,6 +43,7 @@ class TileJob(NamedTuple):
     number    log-odds of the prior of cells, or the `escape` of patches
     order     of cells, see `cell_gibbs.ORDERS`
     chain     a number of the chain, for what is kept of its last job; `chains`: of all there are
+    whole_share  share of patches that are drawn as a whole; None: as `PatchModel` has it
     """
 
     cells: UInt8Array
@@ -54,6 +55,7 @@ class TileJob(NamedTuple):
     order: str = 'fixed'
     chain: int = 0
     chains: tuple[int, ...] = (0,)
+    whole_share: float | None = None
 
 
 class Drawn(NamedTuple):
@@ -147,7 +149,9 @@ class TileSampler:
                 flips = self._draw_cells(rng, job, state)
             else:
                 assert self._patches is not None
-                flips = self._patches.draw_patches(rng, job.corners, state, job.number)
+                flips = self._patches.draw_patches(
+                    rng, job.corners, state, job.number, whole_share=job.whole_share
+                )
             hits = np.empty(self.rays.along.size, np.float32)
             find_hits(self.rays.begins, self.rays.entered, cells, index, state.records, hits)
         return Drawn(np.packbits(cells), hits, flips)

@@ -14,7 +14,11 @@ from ogm_mcmc.arrays import AnyArray, BoolArray, Float32Array, UInt8Array
 from ogm_mcmc.errors import GridError, WindowError
 from ogm_mcmc.sampling.cell_gibbs import GibbsState
 from ogm_mcmc.sampling.informed import near
-from ogm_mcmc.sampling.patch_gibbs import SETTLING_ESCAPE, SURROUNDING
+from ogm_mcmc.sampling.patch_gibbs import (
+    SETTLED_WHOLE_SHARE,
+    SETTLING_ESCAPE,
+    SURROUNDING,
+)
 from ogm_mcmc.sampling.patch_places import PatchPlaces, focused, places_among, turn
 from ogm_mcmc.sampling.ray_summaries import summaries_of
 from ogm_mcmc.sampling.tile_gibbs import Drawn, TileJob, TileReport
@@ -130,6 +134,8 @@ class TiledModel:
             return self._sweep_cells(rng, state, prior.log_odds, prior.order)
         corners = turn(rng, self._places if focus is None else focus)
         escape = max(prior.escape, SETTLING_ESCAPE) if settling else prior.escape
+        # In tiles cells are always drawn by themselves, too.
+        whole = None if settling or focus is None else SETTLED_WHOLE_SHARE
         tile_of = self.tiling.tile_of(corners)
         flips = 0
         for group in self._groups(rng):
@@ -139,7 +145,9 @@ class TiledModel:
                 seed = int(rng.integers(2**63))
                 if mine.size:
                     none = np.empty(0, np.uint8)
-                    jobs[tile] = self._job(state, tile, seed, mine, none, escape)
+                    jobs[tile] = self._job(
+                        state, tile, seed, mine, none, escape, whole_share=whole
+                    )
             flips += self._do(state, jobs)
         return flips
 
@@ -202,12 +210,15 @@ class TiledModel:
         mask: UInt8Array,
         number: float,
         order: str = 'fixed',
+        whole_share: float | None = None,
     ) -> TileJob:
         place = self.tiling.spec.slices(self.tiling.tiles[tile].box)
         cells = np.packbits(state.cells.reshape(self._shape)[place])
         behind = self.summaries.outside(tile, state.records)
         chain, chains = self._chains.number_of(state)
-        return TileJob(cells, behind, seed, corners, mask, number, order, chain, chains)
+        return TileJob(
+            cells, behind, seed, corners, mask, number, order, chain, chains, whole_share
+        )
 
     def _look(self, state: GibbsState, tile: int) -> TileJob:
         """Return a job that draws nothing: what is hit where."""
