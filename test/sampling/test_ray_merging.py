@@ -72,7 +72,7 @@ def test_lines_that_two_ask_for_at_once_are_whole_for_both():
 
     joining = Joining({}, 0, scans, cast, forward, 0.2)
     rays = cast(scans[0])
-    shared = [joining.take(scan, cast(scan)) for scan in scans][0]
+    shared, *_ = [joining.take(scan, cast(scan)) for scan in scans]
     joining.places = AskedMeanwhile(joining.places)
     joining.places.ask = lambda: joining.lines_alone(shared, rays)
     expected = joining.lines_alone(shared, rays)
