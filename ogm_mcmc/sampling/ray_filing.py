@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -30,7 +31,7 @@ from ogm_mcmc.sampling.ray_line_kernels import BORDER, START
 from ogm_mcmc.sampling.ray_merging_kernels import add_beams
 from ogm_mcmc.sensors.forward_model import ForwardModel
 
-__all__ = ['assembled', 'extended']
+__all__ = ['Said', 'assembled', 'extended']
 
 FULL_FROM = 1.0
 """Nats: lists of cells that rays can lift by more than this are full."""
@@ -40,6 +41,17 @@ MOST_RAYS = 2**29
 Blocks = Callable[[], Iterator[BeamRays]]
 
 
+class Said(NamedTuple):
+    """Beams that say more of rays, and the numbers (n,) of these.
+
+    What their log-likelihoods leave out counts in this index unless another one counts it.
+    """
+
+    beams: BeamRays
+    rays: AnyArray
+    counts: bool = True
+
+
 def extended(
     index: RayIndex,
     old: GridSpec,
@@ -47,13 +59,13 @@ def extended(
     parts: Sequence[Blocks],
     n_more: int,
     model: ForwardModel,
-    added: Callable[[], Iterator[tuple[BeamRays, AnyArray]]] = lambda: iter(()),
+    added: Callable[[], Iterator[Said]] = lambda: iter(()),
 ) -> RayIndex:
     """Return the index with `n_more` rays in a window that covers the old one; uses up `index`.
 
     `parts` yield the new rays, one after the other, a block at a time, in cells of the new window;
     each is called twice, the second time in a thread of its own.
-    `added` yields beams that say more of rays, new or old, and the numbers (n,) of these.
+    `added` yields what beams say more of rays, new or old.
     """
     if n_more == 0 and old == new:
         index = _with_more_said(index, added, new, model)
@@ -154,16 +166,18 @@ def _file_parts(
 
 def _with_more_said(
     index: RayIndex,
-    added: Callable[[], Iterator[tuple[BeamRays, AnyArray]]],
+    added: Callable[[], Iterator[Said]],
     spec: GridSpec,
     model: ForwardModel,
 ) -> RayIndex:
     """Add beams to rays, in place; return the same index."""
-    for block, numbers in added():
-        index.left_out[0] += add_beams(
-            block, numbers, model, spec.resolution_m, index.rays, index.marks, index.lists,
+    for said in added():
+        left_out = add_beams(
+            said.beams, said.rays, model, spec.resolution_m, index.rays, index.marks, index.lists,
             index.near, index.gain, index.telling, index.grid,
         )  # fmt: skip
+        if said.counts:
+            index.left_out[0] += left_out
     return index
 
 

@@ -19,7 +19,7 @@ from ogm_mcmc.sampling.beam_rays import (
     rays_of_scan,
 )
 from ogm_mcmc.sampling.ray_batch import Batch, in_blocks
-from ogm_mcmc.sampling.ray_filing import extended
+from ogm_mcmc.sampling.ray_filing import Said, extended
 from ogm_mcmc.sampling.ray_fronts import parts_of
 from ogm_mcmc.sampling.ray_index import empty_index
 from ogm_mcmc.sampling.ray_merging import Joining, Places
@@ -135,7 +135,7 @@ class RayWindow:
             [partial(blocks, part) for part in batch.shares(parts_of(more.rays))],
             more.rays,
             self.model,
-            lambda: ((here(rays), numbers) for rays, numbers in batch.more_said()),
+            lambda: (Said(here(rays), numbers) for rays, numbers in batch.more_said()),
         )
         self.spec, self._size = spec, size
         self.n_beams += batch.n_beams

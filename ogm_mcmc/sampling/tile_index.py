@@ -8,14 +8,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ogm_mcmc.arrays import AnyArray, BoolArray, Float32Array, Float64Array
+from ogm_mcmc.arrays import AnyArray, BoolArray, Float32Array
 from ogm_mcmc.config import ForwardModelConfig, WindowConfig
 from ogm_mcmc.errors import WindowError
 from ogm_mcmc.geometry import CellBox, GridSpec, PlacedScan
 from ogm_mcmc.sampling.beam_rays import BeamRays, rays_of_scan
 from ogm_mcmc.sampling.informed_kernels import mark_arrivals
 from ogm_mcmc.sampling.ray_batch import Batch, Part
-from ogm_mcmc.sampling.ray_filing import assembled, extended
+from ogm_mcmc.sampling.ray_filing import Said, assembled, extended
 from ogm_mcmc.sampling.ray_filing_kernels import lay_rays
 from ogm_mcmc.sampling.ray_index import RayIndex
 from ogm_mcmc.sampling.ray_index_kernels import NEAR, WIDTH
@@ -119,7 +119,7 @@ def tile_rays(
         if not crossing.any():
             continue
         chosen = BeamRays(*(array[crossing] for array in part.rays))
-        said = partial(_said, batch, part, crossing, tiling.tiles[tile].core, nothing.left_out)
+        said = partial(_said, batch, part, crossing, tiling.tiles[tile].core)
         indexed = _indexed(nothing, chosen, said, config, forward)
         parts.append(_part(indexed, part.first + np.flatnonzero(crossing), tiling, tile))
         held += sum(int(array.nbytes) for array in parts[-1])
@@ -167,24 +167,23 @@ def arrivals(
     return found
 
 
-def _said(
-    batch: Batch, part: Part, chosen: BoolArray, core: CellBox, left_out: Float64Array
-) -> Iterator[tuple[BeamRays, AnyArray]]:
-    """Yield beams that say more of the `chosen` rays (n,) of a part, and the ray of each.
+def _said(batch: Batch, part: Part, chosen: BoolArray, core: CellBox) -> Iterator[Said]:
+    """Yield what beams say more of the `chosen` rays (n,) of a part.
 
-    What their log-likelihoods leave out (see `RayIndex`) stays in `left_out` where they come from
-    within `core`: no two tiles count it.
+    What their log-likelihoods leave out (see `RayIndex`) counts where they come from within
+    `core`: no two tiles count it.
     """
     number = np.cumsum(chosen) - 1
     for beams, rays in batch.more_of(part):
         mine = chosen[rays - part.first]
         if not mine.any():
             continue
-        before = left_out[0]
-        yield BeamRays(*(array[mine] for array in beams)), number[rays[mine] - part.first]
         column, row = beams.column[0], beams.row[0]
-        if not (core.column0 <= column < core.column1 and core.row0 <= row < core.row1):
-            left_out[0] = before
+        yield Said(
+            BeamRays(*(array[mine] for array in beams)),
+            number[rays[mine] - part.first],
+            bool(core.column0 <= column < core.column1 and core.row0 <= row < core.row1),
+        )
 
 
 def _ends(beams: BeamRays) -> tuple[AnyArray, AnyArray]:
@@ -209,7 +208,7 @@ def _may_cross(beams: BeamRays, box: CellBox) -> BoolArray:
 def _indexed(
     nothing: RayIndex,
     beams: BeamRays,
-    said: Callable[[], Iterator[tuple[BeamRays, AnyArray]]],
+    said: Callable[[], Iterator[Said]],
     config: WindowConfig,
     model: ForwardModel,
 ) -> tuple[RayIndex, GridSpec]:
@@ -228,7 +227,7 @@ def _indexed(
         return rays._replace(column=rays.column - spec.column0, row=rays.row - spec.row0)
 
     new, n = here(beams), beams.length.size
-    more = lambda: ((here(rays), numbers) for rays, numbers in said())  # noqa: E731
+    more = lambda: (some._replace(beams=here(some.beams)) for some in said())  # noqa: E731
     return extended(nothing, one, spec, [lambda: iter([new])], n, model, more), spec
 
 

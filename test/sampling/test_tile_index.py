@@ -9,7 +9,8 @@ from support.strategies import fan
 
 from ogm_mcmc.errors import WindowError
 from ogm_mcmc.geometry import PlacedScan
-from ogm_mcmc.sampling import CellModel, RayWindow
+from ogm_mcmc.sampling import CellModel, RayWindow, tile_index
+from ogm_mcmc.sampling.ray_filing import extended
 from ogm_mcmc.sampling.tile_index import tile_rays
 from ogm_mcmc.sampling.tiles import tiling_of
 
@@ -54,15 +55,32 @@ def test_a_tile_holds_what_the_whole_has_inside(scans, window, side):
     assert len(seen) == whole.n_rays
 
 
-def test_beams_that_say_the_same_are_one_ray_of_all_tiles():
-    """Also of poses that jitter; a tile may have a part of a ray, and of what is said of it."""
+def standing():
     few = room(n_scans=3, n_beams=12, seed=9)
-    stands = [
+    return [
         PlacedScan.at(fan(*(few[i % 3].scan.ranges_m + 0.2 * (i // 6)), bearing=-3.0,
                           increment=0.52, range_max_m=6.0),
                       replace(few[i % 3].pose, x_m=few[i % 3].pose.x_m + 0.004 * (i > 6)))
         for i in range(12)
     ]  # fmt: skip
+
+
+def test_what_is_left_out_is_counted_once_however_beams_are_taken(monkeypatch):
+    """Whoever adds them may as well have all at hand before the first is added."""
+    stands, window = standing(), RayWindow(WINDOW, MODEL, margin=5, merge=True)
+    window.add(stands)
+    assert abs(window.index.left_out[0]) > 1.0
+    monkeypatch.setattr(
+        tile_index, 'extended',
+        lambda *given: extended(*given[:-1], lambda: iter(list(given[-1]()))),
+    )  # fmt: skip
+    model, _ = tiled(stands, WINDOW, MODEL, tiling_of(window.spec, 3, 2, 0), None)
+    assert model.summaries.left_out == pytest.approx(window.index.left_out[0])
+
+
+def test_beams_that_say_the_same_are_one_ray_of_all_tiles():
+    """Also of poses that jitter; a tile may have a part of a ray, and of what is said of it."""
+    stands = standing()
     window = RayWindow(WINDOW, MODEL, margin=5, merge=True)
     window.add(stands)
     tiling = tiling_of(window.spec, 3, 2, 0)
