@@ -7,6 +7,8 @@ one is taken from then on, so that they lie evenly over all that was sampled.
 
 from __future__ import annotations
 
+from weakref import ReferenceType, ref
+
 import numpy as np
 
 from ogm_mcmc.arrays import AnyArray
@@ -19,14 +21,14 @@ MOST_SAMPLES = 64
 
 
 class KeptSamples:
-    """Keeps maps of one sampler; those of another take their place.
+    """Keeps maps of one sampler, not the sampler itself; those of another take their place.
 
     `most`: so many in all, 0 to 64; where there are more chains, of the first ones.
     """
 
     def __init__(self, most: int = MOST_SAMPLES) -> None:
         self.most = most
-        self._sampler: PosteriorSampler | None = None
+        self._sampler: ReferenceType[PosteriorSampler] | None = None
         self._words: AnyArray = np.zeros(0, np.uint64)  # (C,) of the touched cells
         self._slots: dict[int, int] = {}  # by round: where its bits begin
         self._rounds, self._every, self._chains = 0, 1, 0
@@ -35,8 +37,8 @@ class KeptSamples:
         """Take the present map of every chain, if it is the turn of this round."""
         if self.most == 0:
             return
-        if sampler is not self._sampler:
-            self._sampler = sampler
+        if not self._is_of(sampler):
+            self._sampler = ref(sampler)
             self._words = np.zeros(sampler.model.touched.size, np.uint64)
             self._chains = min(len(sampler.states), self.most)
             self._slots, self._rounds, self._every = {}, 0, 1
@@ -55,8 +57,11 @@ class KeptSamples:
             self._words |= cells << np.uint64(first + j)
 
     def clear(self) -> None:
-        """Forget all samples, and the sampler they came from with its index."""
+        """Forget all samples."""
         self._sampler, self._words, self._slots = None, np.zeros(0, np.uint64), {}
+
+    def _is_of(self, sampler: PosteriorSampler) -> bool:
+        return self._sampler is not None and self._sampler() is sampler
 
     def _forget_every_other(self) -> None:
         self._every *= 2
@@ -67,7 +72,7 @@ class KeptSamples:
 
     def bits(self, sampler: PosteriorSampler, spec: GridSpec) -> SampleBits | None:
         """Return what was kept of a sampler, on its window; None while nothing was."""
-        if sampler is not self._sampler or not self._slots:
+        if not self._is_of(sampler) or not self._slots:
             return None
         words = np.zeros(spec.width * spec.height, np.uint64)
         known = np.zeros(spec.width * spec.height, np.bool_)

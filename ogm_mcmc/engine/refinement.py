@@ -17,8 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from ogm_mcmc.arrays import BoolArray, Float32Array, UInt8Array
-from ogm_mcmc.config import ForwardModelConfig, SamplerConfig, StopConfig, flatten
+from ogm_mcmc.arrays import BoolArray, Float32Array
+from ogm_mcmc.config import SamplerConfig, StopConfig, flatten
+from ogm_mcmc.engine.earlier_chains import EarlierChains
 from ogm_mcmc.engine.live_map import (
     Reflections,
     cells_on,
@@ -39,12 +40,13 @@ from ogm_mcmc.engine.sensor_fit import (
     alike,
     fit_sensor,
     found_of_beams,
+    may_stay,
     saved_beams,
 )
-from ogm_mcmc.engine.warp import laid_on, moved_cells
+from ogm_mcmc.engine.warp import moved_cells
 from ogm_mcmc.errors import WindowError
 from ogm_mcmc.files.output_files import replacing
-from ogm_mcmc.geometry import GridMap, GridSpec, PlacedScan
+from ogm_mcmc.geometry import GridMap, PlacedScan
 from ogm_mcmc.sampling import ChainQuality, PosteriorModel, PosteriorSampler, RayWindow
 from ogm_mcmc.sampling.chain_starts import forgotten
 from ogm_mcmc.sampling.estimates import at_least, with_one_more_draw, with_share_of
@@ -72,13 +74,13 @@ class Refinement:
         self.config = config
         self._taken: list[PlacedScan] = []
         self.corrected = False  # whether scans were placed anew when they were last taken
-        self._index_spent = False  # whether what is indexed is no longer that of the chains
+        # Whether what is indexed, if anything, is no longer that of the chains.
+        self._index_spent = False
         self.no_return = NoReturnChoice.of(config.window.no_return, NoReturns(0, 0))
         self.no_return_found = self.no_return  # in the last scans, even if these were refused
         self.model = config.model  # of the beams, fitted where that is wanted
         self.sensor: SensorNumbers | None = None
         self._told = 0  # how many scans told of the sensor
-        self._resumed: tuple[ForwardModelConfig, SensorNumbers | None] | None = None
         self.window = self._empty_window()
         self._table, self.prior = patch_prior(config)
         self.sampler: PosteriorSampler | None = None
@@ -94,8 +96,8 @@ class Refinement:
         """Use these scans from now on; return the number of rays.
 
         Scans added since the last time extend the rays already indexed; any other change builds
-        them anew, also when all scans together say that +inf means another thing, and when they
-        are twice those that told what the sensor is like. Chains begin at
+        them anew, also when all scans together say that +inf means another thing, or when they
+        are twice those that told what the sensor is like, and tell of another one. Chains begin at
         `start`; without it they go on from where they are (a warm start; where scans were placed
         anew chains begin anew there), and the first ones begin as the configuration says. Raises
         WindowError when there is nothing to sample or too much, and GridError when `start` is of
@@ -113,15 +115,20 @@ class Refinement:
         old, held = self.window.spec, (self.no_return, self.model, self.sensor)
         asked = self.config.window
         found = no_return_of(asked.no_return, scans, asked.resolution, asked.max_range)
+        grows = extends and found.value == self.no_return.value
         # Twice as many scans tell what the sensor is like better than those that did.
-        told = self.sensor is None or len(scans) < 2 * self._told
-        grows = extends and told and found.value == self.no_return.value
+        fits = not grows or (self.sensor is not None and len(scans) >= 2 * self._told)
         self._index_spent, self._live = False, None
         self.no_return_found = found
         try:
             self.no_return = found
-            window = self._indexed(scans, known if grows else 0)
-            warm = [] if start is not None else self._present_maps(old, window.spec)
+            if fits:
+                model, sensor = fit_sensor(scans, self._decided())
+                grows = grows and may_stay(self.model, model)
+                if not grows:
+                    self.model, self.sensor = model, sensor
+            earlier = self._earlier()
+            window = self._indexed(scans, known if grows else 0, extends)
             moved = None if extends else moved_cells(window.spec, self._taken, scans)
             on = self.sampler if grows else None
             grown = None if on is None else Grown(on.model, old)
@@ -131,8 +138,8 @@ class Refinement:
                 moved = np.ones_like(moved)
             as_before = as_before or moved is not None
             same = self.no_return.value == held[0].value and as_before
-            soon = same and start is None and self._knows(scans)
-            sampler = self._begun(window, scans, start, (warm, moved, soon), grown)
+            soon = same and start is None and self._knows(scans, earlier)
+            sampler = self._begun(window, scans, start, (earlier, moved, soon), grown)
         except BaseException:
             self.no_return, self.model, self.sensor = held
             self._live = None
@@ -141,7 +148,7 @@ class Refinement:
             raise
         self.window, self._taken, self.corrected = window, list(scans), moved is not None
         self.sampler, self.rounds, self._others = sampler, SamplingRounds(), None
-        self._told = self._told if grows else len(scans)
+        self._told = len(scans) if fits else self._told
         return self.size.n_rays
 
     def _take_nothing(self) -> None:
@@ -149,22 +156,28 @@ class Refinement:
         self.window, self._taken = self._empty_window(), []
         self.sampler, self.rounds = None, SamplingRounds()
 
-    def _indexed(self, scans: Sequence[PlacedScan], known: int) -> RayWindow:
-        """Return the rays of scans, the first `known` of which are indexed."""
-        if known == 0:
-            self.model, self.sensor = self._understood(scans)
+    def _earlier(self) -> EarlierChains | None:
+        """Return what the chains of now leave to others, if there are any."""
+        if self.sampler is None:
+            return None
+        return EarlierChains.of(self.sampler, self.window.spec, self.config.chain.prior)
+
+    def _indexed(self, scans: Sequence[PlacedScan], known: int, lets_go: bool) -> RayWindow:
+        """Return the rays of scans, the first `known` of which are indexed.
+
+        Where all are indexed anew a recording that grew `lets_go` of what was before, once it is
+        known that there is room: an index may be most of the memory.
+        """
         window = self.window if known else self._empty_window()
-        window.add(scans[known:])
-        self._index_spent = known > 0
+        window.add(scans[known:], self._let_go if lets_go and not known else lambda: None)
+        self._index_spent = self._index_spent or known > 0
         if window.index.n_rays == 0:
             raise WindowError(f'no beam of {len(scans)} scans says anything: nothing to sample')
         return window
 
-    def _understood(
-        self, scans: Sequence[PlacedScan]
-    ) -> tuple[ForwardModelConfig, SensorNumbers | None]:
-        """Return the model of the beams of scans; that of a state which is taken up again."""
-        return self._resumed or fit_sensor(scans, self._decided())
+    def _let_go(self) -> None:
+        """Hold the index no longer, nor the chains, which do; scans are still those taken."""
+        self.window, self.sampler, self._index_spent = self._empty_window(), None, True
 
     @property
     def size(self) -> IndexSize:
@@ -195,16 +208,17 @@ class Refinement:
         window: RayWindow,
         scans: Sequence[PlacedScan],
         start: GridMap | None,
-        warm: tuple[list[UInt8Array], BoolArray | None, bool],
+        warm: tuple[EarlierChains | None, BoolArray | None, bool],
         grown: Grown | None,
     ) -> PosteriorSampler:
         """Return chains on a window of scans, where they begin.
 
-        warm  maps (K,) of the chains, if any; where (K,) scans were placed anew; a short burn-in
+        warm  chains that go on, if any; where (K,) scans were placed anew; a short burn-in
         """
         chain, spec = self.config.chain, window.spec
         model = self._posterior(window, grown)
-        starts, moved, soon = warm
+        earlier, moved, soon = warm
+        starts = [] if earlier is None or start is not None else earlier.maps_on(spec)
         # Chains that began alike agree whether or not they have forgotten it.
         apart = start is None and not starts and chain.start == 'dispersed'
         if start is not None:
@@ -220,33 +234,17 @@ class Refinement:
                 starts = forgotten(model, starts, chain.seed, only)
         burn_in = min(chain.burn_in, WARM_BURN_IN) if soon else chain.burn_in
         sampler = PosteriorSampler(model, starts, seed=chain.seed, burn_in=burn_in, may_end=apart)
-        if self.sampler is not None:
+        if earlier is not None:
             # From the seed, chains would repeat the numbers that brought them where they are. The
             # generators are in a saved state, too: chains taken up again draw the same from here.
-            sampler.rngs = self.sampler.rngs
+            sampler.rngs = earlier.rngs
         return sampler
 
-    def _knows(self, scans: Sequence[PlacedScan]) -> bool:
-        """Return whether chains have counted on all but a tenth of these scans, or more."""
+    def _knows(self, scans: Sequence[PlacedScan], earlier: EarlierChains | None) -> bool:
+        """Return whether earlier chains counted on all but a tenth of these scans, or more."""
         taken = {id(one.scan) for one in self._taken}
         new = sum(id(one.scan) not in taken for one in scans)
-        return self.sampler is not None and self.sampler.counted > 0 and 10 * new <= len(scans)
-
-    def _present_maps(self, old: GridSpec, new: GridSpec) -> list[UInt8Array]:
-        """Return the maps (K,) of the chains, none without, where their cells are now.
-
-        Cells that no chain has drawn yet begin as the prior has it. The solid that surrounds
-        patches would not do: from a block a ray has to pass chains wear off the rim only.
-        """
-        if self.sampler is None:
-            return []
-        elsewhere = int(self.config.chain.prior >= 0.5)
-        touched, present = self.sampler.model.touched, []
-        for state in self.sampler.states:
-            cells = np.full_like(state.cells, elsewhere)
-            cells[touched] = state.cells[touched]
-            present.append(laid_on(cells, old, new, elsewhere))
-        return present
+        return earlier is not None and earlier.counted and 10 * new <= len(scans)
 
     # -- sampling ---------------------------------------------------------------------------
 
@@ -282,7 +280,7 @@ class Refinement:
         if self.sampler is None:
             raise WindowError('nothing was sampled yet: no state to save')
         with replacing(path) as temporary:
-            found = found_of_beams(self.model, self.sensor)
+            found = found_of_beams(self.model, self.sensor, self._told)
             save_chains(self.sampler, temporary, {**self._identity(), FOUND: found})
 
     def resume(self, path: Path) -> None:
@@ -303,11 +301,11 @@ class Refinement:
         saved = saved_settings(path)
         accept(saved)
         held, posterior = (self.model, self.sensor, self.window), self.sampler.model
-        found = found_of_beams(self.model, self.sensor)
+        self._index_spent = False
         try:
-            if saved.get(FOUND, found) != found:
-                self._resumed = saved_beams(path, saved[FOUND], self.config.model)
-                self.window = self._indexed(self._taken, 0)
+            self.model, self.sensor, told = saved_beams(path, saved.get(FOUND), self.config.model)
+            if self.model != held[0]:
+                self.window = self._indexed(self._taken, 0, lets_go=False)
                 posterior = self._posterior(self.window, None)
             sampler, _ = load_chains(path, posterior, accept)
         except BaseException:
@@ -315,8 +313,7 @@ class Refinement:
             if self._index_spent:
                 self._take_nothing()
             raise
-        finally:
-            self._resumed = None
+        self._told = told
         self.sampler, self.rounds = sampler, SamplingRounds()
 
     def _identity(self) -> dict[str, Any]:

@@ -36,7 +36,15 @@ from ogm_mcmc.errors import WindowError
 from ogm_mcmc.geometry import CellBox, HeldRays, PlacedScan, Rays, cast_rays
 from ogm_mcmc.mapping.counting import CountingMapper
 
-__all__ = ['SensorNumbers', 'Share', 'alike', 'fit_sensor', 'found_of_beams', 'saved_beams']
+__all__ = [
+    'SensorNumbers',
+    'Share',
+    'alike',
+    'fit_sensor',
+    'found_of_beams',
+    'may_stay',
+    'saved_beams',
+]
 
 # A cell is solid if so many scans ended there for each that passed, and at least so many.
 ENDED_PER_PASSED, ENDED = 4, 3
@@ -53,6 +61,9 @@ INTERVAL_DRAWS = 20_000
 
 # Chains need not forget where they were when sigma changed by no more than that.
 SAME_SIGMA = 0.1
+
+# Nor need rays be entered anew where a share changed by no more than that of itself.
+SAME_SHARE = 0.2
 
 # Cells are no walls: a beam past the corner of one contradicts it. Shares are no smaller.
 LEAST_SHARE = 0.005
@@ -240,27 +251,40 @@ def alike(one: ForwardModelConfig, other: ForwardModelConfig) -> bool:
     return replace(one, sigma=sigma, clutter=other.clutter, missing=other.missing) == other
 
 
-def found_of_beams(model: ForwardModelConfig, sensor: SensorNumbers | None) -> dict[str, Any]:
-    """Return what was found of the beams, as JSON has it."""
+def may_stay(one: ForwardModelConfig, other: ForwardModelConfig) -> bool:
+    """Whether one of two models that are alike says what the other does, nearly, of any beam."""
+    shares = ((one.clutter, other.clutter), (one.missing, other.missing))
+    near = all(math.isclose(before, now, rel_tol=SAME_SHARE) for before, now in shares)
+    return near and alike(one, other)
+
+
+def found_of_beams(
+    model: ForwardModelConfig, sensor: SensorNumbers | None, scans: int
+) -> dict[str, Any]:
+    """Return what was found of the beams of so many scans, as JSON has it."""
     numbers = None if sensor is None else sensor.as_dict()
     shares = {'clutter': model.clutter, 'missing': model.missing}
-    return {'sigma': model.sigma, **shares, 'sensor': numbers}
+    return {'sigma': model.sigma, **shares, 'sensor': numbers, 'scans': scans}
 
 
 def saved_beams(
     path: Path, saved: Any, model: ForwardModelConfig
-) -> tuple[ForwardModelConfig, SensorNumbers | None]:
-    """Return what a saved state says of beams; raises WindowError where that is nonsense."""
+) -> tuple[ForwardModelConfig, SensorNumbers | None, int]:
+    """Return what a saved state says of beams, and how many scans told; raises WindowError.
+
+    `model`: what was asked for.
+    """
     try:
         sigma, clutter, missing = (float(saved[name]) for name in ('sigma', 'clutter', 'missing'))
         found = replace(model, sigma=sigma, clutter=clutter, missing=missing)
-        numbers = saved['sensor']
+        numbers, scans = saved['sensor'], int(saved['scans'])
         if numbers is None:
-            return found, None
+            return found, None, scans
         shares = (numbers[name] for name in ('clutter', 'missing'))
         wrong, lost = (None if share is None else Share(**share) for share in shares)
         spread = numbers['sigma']
-        return found, SensorNumbers(wrong, lost, None if spread is None else Spread(**spread))
+        spread = None if spread is None else Spread(**spread)
+        return found, SensorNumbers(wrong, lost, spread), scans
     except (KeyError, TypeError, ValueError) as error:
         raise WindowError(f'{path}: expected what was found of the beams ({error})') from error
 

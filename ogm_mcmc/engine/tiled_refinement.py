@@ -66,10 +66,8 @@ class TiledRefinement(Refinement):
         self._model: TiledModel | None = None
         self._size = IndexSize(0, 0, 0)
 
-    def _indexed(self, scans: Sequence[PlacedScan], known: int) -> RayWindow:
+    def _indexed(self, scans: Sequence[PlacedScan], known: int, lets_go: bool) -> RayWindow:
         """Let the rays of scans be held; what is returned has none, and says where cells lie."""
-        if known == 0:
-            self.model, self.sensor = self._understood(scans)
         window = self._empty_window()
         size = window.sum_of_sizes(scans)
         if size.rays == 0:

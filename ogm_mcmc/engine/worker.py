@@ -275,7 +275,8 @@ class RefineWorker:
         if refinement.holds(scans):
             return  # the chains go on and what they counted stays
         fresh = refinement.sampler is None
-        before = refinement.sampler
+        # No name is given to the sampler: its index may have to go before there is another one.
+        earlier_sweeps = 0 if refinement.sampler is None else refinement.sampler.sweeps
         refinement.take(scans)
         # The share of beams in the text is another one with every scan.
         choice = refinement.no_return
@@ -283,9 +284,8 @@ class RefineWorker:
         if str(choice) and decided != self._said_no_return:
             self.log(str(choice))
             self._said_no_return = decided
-        if refinement.sampler is not before:
-            self._kept.clear()  # it holds the old index
-            self._earlier_sweeps += 0 if before is None else before.sweeps
+        self._kept.clear()
+        self._earlier_sweeps += earlier_sweeps
         if fresh and self.state_file is not None and self.state_file.exists():
             try:
                 refinement.resume(self.state_file)

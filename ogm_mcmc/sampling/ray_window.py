@@ -102,11 +102,14 @@ class RayWindow:
         """Beams that were added to the ray of another one."""
         return self.n_beams - self.index.n_rays
 
-    def add(self, placed: Iterable[PlacedScan]) -> int:
+    def add(
+        self, placed: Iterable[PlacedScan], make_room: Callable[[], None] = lambda: None
+    ) -> int:
         """Add scans, each at the mean of its belief; return the number of beams.
 
         Raises GridError for a ray that is too long, WindowError when the memory limit would be
-        passed; nothing has changed then.
+        passed; nothing has changed then. `make_room` is called when neither is so, before memory
+        is taken.
         """
         scans, stands = list(placed), Stands()
         if self._merge:
@@ -121,6 +124,7 @@ class RayWindow:
         size = self._size.with_more(more)
         spec = self.spec.windowed(size.box if self.limits is None else self.limits)
         self._check_memory(size._replace(box=spec.box))
+        make_room()
 
         def here(rays: BeamRays) -> BeamRays:
             return rays._replace(column=rays.column - spec.column0, row=rays.row - spec.row0)

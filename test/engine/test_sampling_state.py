@@ -107,14 +107,21 @@ def test_a_window_that_grew_goes_on_with_what_its_first_scans_told_of_the_beams(
     sweep(grown, 10)
     sweep(again, 10)
     assert np.array_equal(grown.map().probability, again.map().probability, equal_nan=True)
-    again.take([*some, *scans(8)[6:]])
+    again.take([*some, *scans(7)[6:]])
     assert again.model == grown.model
 
 
-@pytest.mark.parametrize('found', [7, {'clutter': 2.0, 'missing': 0.1, 'sensor': None}, {}])
+SAID = {'sigma': 0.05, 'clutter': 0.1, 'missing': 0.1, 'sensor': None, 'scans': 4}
+
+
+@pytest.mark.parametrize(
+    'found', [7, {}, {**SAID, 'clutter': 2.0}, {**SAID, 'sigma': -1.0}, {**SAID, 'scans': None}]
+)
 def test_beams_that_cannot_be_are_refused_and_change_nothing(tmp_path, found):
     path = tmp_path / 'chains.npz'
-    first = taken(scans())
+    some = scans()
+    first = taken(some[:3])
+    first.take(some)
     sweep(first, 21)
     save_chains(first.sampler, path, {**first._identity(), 'found': found})
     before = first.sampler, first.model, first.window

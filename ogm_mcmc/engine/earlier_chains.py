@@ -1,0 +1,45 @@
+"""What chains leave to those that go on with other scans, without the index they drew with."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ogm_mcmc.arrays import UInt8Array
+from ogm_mcmc.engine.warp import laid_on
+from ogm_mcmc.geometry import GridSpec
+from ogm_mcmc.sampling import PosteriorSampler
+
+__all__ = ['EarlierChains']
+
+
+class EarlierChains(NamedTuple):
+    """Maps (K,) of chains on a window, their generators, and whether they had counted sweeps.
+
+    elsewhere  what a cell that no chain has drawn yet begins as
+    """
+
+    maps: list[UInt8Array]
+    spec: GridSpec
+    elsewhere: int
+    rngs: list[np.random.Generator]
+    counted: bool
+
+    @classmethod
+    def of(cls, sampler: PosteriorSampler, spec: GridSpec, prior: float) -> EarlierChains:
+        """Return what chains of a window leave; nothing of it holds the sampler.
+
+        Cells that no chain has drawn yet begin as the prior has it. The solid that surrounds
+        patches would not do: from a block a ray has to pass chains wear off the rim only.
+        """
+        elsewhere, touched, maps = int(prior >= 0.5), sampler.model.touched, []
+        for state in sampler.states:
+            cells = np.full_like(state.cells, elsewhere)
+            cells[touched] = state.cells[touched]
+            maps.append(cells)
+        return cls(maps, spec, elsewhere, sampler.rngs, sampler.counted > 0)
+
+    def maps_on(self, spec: GridSpec) -> list[UInt8Array]:
+        """Return the maps (K,) where their cells are on another window of the lattice."""
+        return [laid_on(cells, self.spec, spec, self.elsewhere) for cells in self.maps]
