@@ -5,11 +5,15 @@ a value below it: 3.499 of 3.5 m, or 25.0 of 30 m; mapped as they come they are 
 robot. What gives a code away is told by `ogm_mcmc.io.no_return.recognised_codes`. Here nobody
 knows yet where the laser was, so what counts is that one scan has more of one value, bit for bit,
 than a flat wall at that distance could give. A few beams are let be: they may be chance.
+
+A code may come late, when a robot leaves a small room. So the latest scans are looked at beside
+those kept from all over, of which few would have it.
 """
 
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Iterable
 from dataclasses import replace
 from typing import NamedTuple
@@ -20,12 +24,16 @@ from ogm_mcmc.arrays import Float64Array
 from ogm_mcmc.engine.recent import Recent
 from ogm_mcmc.geometry import Pose2D, Scan
 from ogm_mcmc.geometry.scan import Remark, say_nothing
-from ogm_mcmc.io.no_return import Code, are_codes, recognised_codes
+from ogm_mcmc.io.no_return import AT_LEAST, Code, are_codes, recognised_codes
 
 __all__ = ['RangeCodes']
 
 # Scans of a sensor that are looked at, spread over all of them.
 KEPT = 25
+
+# Live, a look is taken after so many scans, and at these of the latest.
+LOOK_EVERY = 100
+LATEST, LATEST_EVERY = 10, 10
 
 # No planar lidar has more beams, and no robot more of them: what is kept stays small.
 MOST_BEAMS = 5000
@@ -52,45 +60,89 @@ class _Sensor:
         self.codes: list[Code] = []
         self.settled = False
         self._kept: list[_Readings] = []
+        self._latest: deque[_Readings] = deque(maxlen=LATEST)
         self._every = 1
         self._seen = 0
 
     def see(self, scan: Scan) -> None:
         """Take note of a scan."""
-        if self._seen % self._every == 0 and scan.ranges_m.size <= MOST_BEAMS:
+        spread, late = self._seen % self._every == 0, self._seen % LATEST_EVERY == 0
+        if (spread or late) and not self.settled and scan.ranges_m.size <= MOST_BEAMS:
             ranges = scan.ranges_m[scan.measured()].astype(np.float64)
-            self._kept.append(_Readings(ranges, scan.angle_increment_rad))
-            if len(self._kept) >= 2 * KEPT:
-                del self._kept[1::2]
-                self._every *= 2
+            readings = _Readings(ranges, scan.angle_increment_rad)
+            if late:
+                self._latest.append(readings)
+            if spread:
+                self._keep(readings)
         self._seen += 1
 
-    def is_due(self) -> bool:
-        """Whether there are twice as many scans as at the last look."""
-        return not self.settled and self._seen & (self._seen - 1) == 0
+    def _keep(self, readings: _Readings) -> None:
+        self._kept.append(readings)
+        if len(self._kept) >= 2 * KEPT:
+            del self._kept[1::2]
+            self._every *= 2
 
-    def look(self) -> str:
-        """Find the codes anew; return what to say, empty: nothing new."""
-        before = [code.low_m for code in self.codes]
-        if not self._kept:
-            return ''
-        readings = np.concatenate([one.ranges_m for one in self._kept])
-        shares = {
-            code: float(are_codes(readings, [code]).mean())
-            for code in recognised_codes(self._kept)
-        }
-        self.codes = [code for code, share in shares.items() if share >= SHARE]
-        if [code.low_m for code in self.codes] == before:
-            return ''
-        if not self.codes:
-            return (
-                f'readings of {_listed(before)} m are surfaces after all, and mapped from now on'
-            )
-        share = sum(shares[code] for code in self.codes)
-        return (
-            f'readings of {_listed(code.low_m for code in self.codes)} m ({share:.0%} of them) '
-            'are taken as no return: no surface gives so many beams one value (no_return_code)'
+    def is_due(self) -> bool:
+        """Whether there are twice as many scans as at some look, or a hundred more."""
+        return not self.settled and (
+            self._seen & (self._seen - 1) == 0 or self._seen % LOOK_EVERY == 0
         )
+
+    def look(self, *, at_latest: bool = True) -> str:
+        """Find the codes anew; return what to say, empty: nothing new."""
+        latest = list(self._latest) if at_latest else []
+        scans = list({id(scan): scan for scan in (*self._kept, *latest)}.values())
+        if not scans:
+            return ''
+        found, before = recognised_codes(scans), self.codes
+        everywhere, lately = _together(scans), _together(latest)
+        shares = {code: max(_share(everywhere, code), _share(lately, code)) for code in found}
+        codes = [code for code in found if shares[code] >= SHARE or _is_among(code, before)]
+        quiet = everywhere[~are_codes(everywhere, codes)]
+        for old in before:
+            if not _is_among(old, codes) and _says_nothing_of(quiet, old):
+                codes.append(old)
+        self.codes = codes
+        return _remark(
+            [code for code in before if not _is_among(code, codes)],
+            {code: shares.get(code, 0.0) for code in codes},
+            news=any(not _is_among(code, before) for code in codes),
+        )
+
+
+def _together(scans: list[_Readings]) -> Float64Array:
+    return np.concatenate([np.empty(0), *(scan.ranges_m for scan in scans)])
+
+
+def _share(readings: Float64Array, code: Code) -> float:
+    """Return which share of readings is this code."""
+    return float(are_codes(readings, [code]).sum()) / max(readings.size, 1)
+
+
+def _is_among(code: Code, codes: Iterable[Code]) -> bool:
+    """Whether it is one of these: a code may tremble."""
+    return any(code.low_m <= one.high_m and one.low_m <= code.high_m for one in codes)
+
+
+def _says_nothing_of(readings: Float64Array, code: Code) -> bool:
+    """Whether readings are too few to tell, and none lies beyond the code."""
+    few = int(are_codes(readings, [code]).sum()) < AT_LEAST
+    return few and float(readings.max(initial=0.0)) <= code.high_m
+
+
+def _remark(gone: list[Code], shares: dict[Code, float], *, news: bool) -> str:
+    """Say which codes are none after all, and which there are; empty: nothing changed."""
+    said = []
+    if gone:
+        lows = _listed(code.low_m for code in gone)
+        said.append(f'readings of {lows} m are surfaces after all, and mapped from now on')
+    if shares and (gone or news):
+        said.append(
+            f'readings of {_listed(code.low_m for code in shares)} m '
+            f'({sum(shares.values()):.0%} of them) are taken as no return: so many beams of one '
+            'value look like no surface (no_return_code)'
+        )
+    return '; '.join(said)
 
 
 class RangeCodes:
@@ -112,30 +164,40 @@ class RangeCodes:
             frames.add(scan.frame_id)
             self._sensor(scan.frame_id).see(scan)
         for frame in sorted(frames) if self.chosen_m == 0.0 else ():
-            self._look(frame)
+            self._look(frame, at_latest=False)
             self._sensor(frame).settled = True
 
     def taken(self, scan: Scan) -> Scan:
         """Return a scan without codes.
 
-        A sensor that nobody learned is looked at when its first scan comes, and whenever there
-        are twice as many: what a scan or two made believe does not last.
+        A sensor that nobody learned is looked at when its first scan comes, whenever there are
+        twice as many, and after every hundred: what a scan or two made believe does not last.
+        """
+        if self.chosen_m == 0.0:
+            sensor = self._sensor(scan.frame_id)
+            sensor.see(scan)
+            if sensor.is_due():
+                self._look(scan.frame_id)
+        return self.without_codes(scan)
+
+    def without_codes(self, scan: Scan) -> Scan:
+        """Return a scan without the codes that are known now; it may have been taken before.
+
+        In scans that were bent for motion since they came, codes are no longer one value: they
+        stay. What was taken for a code stays `+inf` where it turned out to be none.
         """
         if self.chosen_m > 0.0:
             return _without(scan, [Code('chosen', self.chosen_m, math.inf, self.chosen_m)])
-        sensor = self._sensor(scan.frame_id)
-        sensor.see(scan)
-        if sensor.is_due():
-            self._look(scan.frame_id)
-        return _without(scan, sensor.codes)
+        sensor = self._sensors.get(scan.frame_id)
+        return scan if sensor is None else _without(scan, sensor.codes)
 
     def _sensor(self, frame: str) -> _Sensor:
         if frame not in self._sensors:
             self._sensors[frame] = _Sensor()
         return self._sensors[frame]
 
-    def _look(self, frame: str) -> None:
-        said = self._sensor(frame).look()
+    def _look(self, frame: str, *, at_latest: bool = True) -> None:
+        said = self._sensor(frame).look(at_latest=at_latest)
         if said:
             self._tell(f'{frame}: {said}')
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections import Counter, deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -24,7 +24,7 @@ from ogm_mcmc.engine.coverage import Coverage
 from ogm_mcmc.engine.no_returns import NoReturnChoice
 from ogm_mcmc.engine.recent import Recent
 from ogm_mcmc.errors import GridError
-from ogm_mcmc.geometry import CellBox, PlacedScan, Pose2D, wrap_angle
+from ogm_mcmc.geometry import CellBox, PlacedScan, Pose2D, Scan, wrap_angle
 from ogm_mcmc.sampling import RayWindow, WindowSize
 
 __all__ = ['LET_GO', 'Recording', 'fingerprint']
@@ -255,6 +255,19 @@ class Recording:
         self._refuse_box(WindowSize(0, 0, _box_around(scans)))
         self._keep(scans, 'thinned')
         self._obey_limits()
+
+    def read_anew(self, read: Callable[[Scan], Scan]) -> None:
+        """Keep the scans as `read` returns them; one that says the same returns it as it is."""
+        scans = []
+        for old in self._scans:
+            scan = read(old.placement.scan)
+            if scan is not old.placement.scan:
+                placement = old.placement._replace(scan=scan)
+                old = _Kept(placement, self._size_of(placement))
+            scans.append(old)
+        if any(new is not old for new, old in zip(scans, self._scans, strict=True)):
+            self._keep(scans, '')
+            self._obey_limits()
 
     def _refuse_box(self, size: WindowSize) -> None:
         if self._window is None or size.n_bytes <= self._window.most_bytes:

@@ -202,7 +202,12 @@ class RefineServer(ManagedNode):
         if self.worker.wanted and left > 0.0:
             self._corrected_at = now
             stop = replace(self._sampled_until, max_time=left)
-            self.worker.refine(self.recording.snapshot(), stop)
+            self.worker.refine(self.scans_now(), stop)
+
+    def scans_now(self) -> list[PlacedScan]:
+        """Return the recorded scans, without codes that were found since they came."""
+        self.recording.read_anew(self.intake.codes.without_codes)
+        return self.recording.snapshot()
 
     # -- maps out ---------------------------------------------------------------------------
 
@@ -288,8 +293,9 @@ class RefineServer(ManagedNode):
         """Order the recorded scans to be sampled; return what is said of it."""
         status = self.worker.status
         last = disagreement(status, self._sampled_until)
+        scans = self.scans_now()
         text = order_text(
-            len(self.recording),
+            len(scans),
             self.recording.size.rays,
             self.stop,
             status.chain_sweeps,
@@ -297,7 +303,7 @@ class RefineServer(ManagedNode):
         )
         self._sampled_until, self._outdated = self.stop, False
         self._until = time.monotonic() + self.stop.max_time
-        replaced = self.worker.refine(self.recording.snapshot(), self.stop)
+        replaced = self.worker.refine(scans, self.stop)
         text += ', instead of those before' if replaced else ''
         return text + (f'; the last one {last}' if last else '')
 

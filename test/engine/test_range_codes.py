@@ -98,6 +98,62 @@ def test_a_round_wall_is_believed_again_once_the_robot_has_moved():
     assert not np.isinf(taken[-1].ranges_m).any()
 
 
+@pytest.mark.parametrize('beams', [12, 120])
+@pytest.mark.parametrize('before', [30, 1030, 2000])
+def test_a_code_that_comes_late_is_found_within_a_hundred_scans(before, beams):
+    """Also where it is 3 % of the readings from there on, and far less of all that came."""
+    room = np.linspace(1.0, 2.5, BEAMS)
+    small = scan_of(room, range_max=3.5)
+    large = scan_of(np.where(np.arange(BEAMS) < beams, 3.499, room), range_max=3.5)
+    taken, said = drive(before + 120, lambda k: small if k < before else large)
+    assert len(said) == 1
+    first = next(k for k, scan in enumerate(taken) if np.isinf(scan.ranges_m).any())
+    assert before <= first < before + 110
+    assert all(np.isinf(scan.ranges_m[:beams]).all() for scan in taken[first:])
+
+
+def test_a_code_that_was_found_stays_while_nothing_speaks_against_it():
+    room = np.linspace(1.0, 2.5, BEAMS)
+    small = scan_of(room, range_max=30.0)
+    large = scan_of(np.where(np.arange(BEAMS) < 12, 3.499, room), range_max=30.0)
+    said = []
+    codes = RangeCodes(tell=said.append)
+    for k in range(1500):
+        codes.taken(large if 1030 <= k < 1130 else small)
+    assert np.isinf(codes.taken(large).ranges_m[:12]).all()
+    assert len(said) == 1
+    beyond = scan_of(np.linspace(1.0, 9.0, BEAMS), range_max=30.0)
+    for _ in range(110):
+        codes.taken(beyond)
+    assert 'readings of 3.499 m are surfaces after all, and mapped from now on' in said[1]
+    assert codes.taken(large) is large
+
+
+def test_of_two_codes_the_one_that_goes_is_named():
+    room = np.linspace(1.0, 3.0, BEAMS)
+    both = np.where(np.arange(BEAMS) < 40, 5.0, np.where(np.arange(BEAMS) < 80, 25.0, room))
+    between = np.where(np.arange(BEAMS) < 40, 25.0, np.linspace(4.0, 9.0, BEAMS))
+    taken, said = drive(40, lambda k: scan_of(both if k < 2 else between))
+    assert 'readings of 25, 5 m (22% of them)' in said[0]
+    assert 'so many beams of one value look like no surface' in said[0]
+    assert said[1].startswith('laser: readings of 5 m are surfaces after all, and mapped from now')
+    assert 'readings of 25 m (' in said[1]
+    assert len(said) == 2
+    assert np.isinf(taken[-1].ranges_m[:40]).all()
+
+
+def test_scans_taken_before_a_code_was_found_lose_it_when_asked_again():
+    codes = RangeCodes()
+    before = scan_of(coded())
+    other = scan_of(coded(), frame='other')
+    assert codes.without_codes(before) is before
+    codes.taken(before)
+    after = codes.without_codes(before)
+    assert np.isinf(after.ranges_m[:90]).all()
+    assert codes.without_codes(after) is after
+    assert codes.without_codes(other) is other
+
+
 def coded(code=25.0):
     ranges = np.linspace(1.0, 9.0, BEAMS)
     ranges[:90] = code

@@ -275,3 +275,29 @@ def test_the_same_scans_at_other_poses():
     with pytest.raises(GridError, match='expected what max_memory_mb = 2000 can hold'):
         recording.replace([far, *moved[1:]])
     assert recording.snapshot() == moved
+
+
+def test_scans_read_anew_stay_in_their_place():
+    """A reading that turns out to say nothing needs no memory where such beams are ignored."""
+    config = SamplerConfig(window=WindowConfig(resolution=0.1, no_return='ignore'))
+    recording, expected = (Recording(RecordingConfig(), config) for _ in range(2))
+    for i in range(3):
+        recording.add(at(0.2 * i, 1.0, 3.5, stamp_s=i))
+        expected.add(at(0.2 * i, 1.0, math.inf if i != 1 else 3.5, stamp_s=i))
+    before = recording.snapshot()
+
+    def read(scan):
+        if scan.stamp_ns == SECOND:
+            return scan
+        return replace(scan, ranges_m=np.where(scan.ranges_m == 3.5, np.inf, scan.ranges_m))
+
+    recording.read_anew(read)
+    after = recording.snapshot()
+    assert [new.scan.ranges_m.tolist() for new in after] == [
+        old.scan.ranges_m.tolist() for old in expected.snapshot()
+    ]
+    assert after[1] is before[1]
+    assert (recording.size, recording.n_rays) == (expected.size, 6)
+    assert recording.let_go.total() == 0
+    recording.read_anew(lambda scan: scan)
+    assert all(new is old for new, old in zip(recording.snapshot(), after, strict=True))

@@ -11,12 +11,15 @@ pytest.importorskip('rclpy', reason='rclpy is not installed: no ROS tests')
 
 from nav_msgs.msg import OccupancyGrid
 from nav_msgs.srv import GetMap
+from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
-from support.refine_client import ENDLESS, SCANS, Client, as_array, server, stop
+from support.local_ros import local_node, pose, scan
+from support.refine_client import ENDLESS, QUICK, SCANS, Client, as_array, server, stop
 from support.ros import NodeProcess, Observer
 
 from ogm_mcmc.io.map_files import load_map
 from ogm_mcmc.ros.qos import LATCHED
+from ogm_mcmc.ros.refine_server import RefineServer
 from ogm_mcmc.simulation import WORLDS
 
 pytestmark = [pytest.mark.ros]
@@ -34,6 +37,28 @@ def distance_to_walls(msg):
         away = np.hypot(x - ax - along * dx, y - ay - along * dy)
         nearest = np.minimum(nearest, away)
     return nearest / size
+
+
+def test_codes_found_late_are_taken_out_of_what_was_recorded(monkeypatch):
+    """The third scan has one; the first look after that is at the fourth."""
+    monkeypatch.setattr(RefineServer, 'warm_up', lambda self: None)
+    walls = [*(1.0 + 0.1 * k for k in range(12)), *[2.0] * 12]
+    sampled = []
+    quick = [Parameter(name, value=value) for name, value in QUICK.items()]
+    with local_node(RefineServer, parameter_overrides=quick) as node:
+        for k in range(4):
+            node.intake.on_pose(pose(float(k), 0.3 * k))
+            ranges = [*walls[:12], *[4.99] * 12] if k > 1 else walls
+            came = scan(float(k), ranges)
+            came.angle_increment, came.angle_max = 0.1, 2.3
+            node.intake.on_scan(came)
+        recorded = node.recording.snapshot()
+        assert recorded[2].scan.ranges_m[12:].tolist() == [np.float32(4.99)] * 12
+        monkeypatch.setattr(node.worker, 'refine', lambda scans, _: sampled.extend(scans))
+        answer = node.on_refine(Trigger.Request(), Trigger.Response())
+        assert answer.success, answer.message
+    assert [np.isinf(one.scan.ranges_m).sum() for one in sampled] == [0, 0, 12, 12]
+    assert sampled[0] is recorded[0]
 
 
 def test_from_scans_to_a_map_near_the_truth(walks, tmp_path):
