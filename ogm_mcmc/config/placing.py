@@ -87,7 +87,7 @@ class PlacingConfig:
     no_return_code: float = setting(
         0.0,
         'readings of a laser from here on hit nothing, whatever its range_max, m; 0: a value that '
-        'stands for it is found from the scans; range_max: none stands for it',
+        'stands for it is found from the scans; the value of range_max: none stands for it',
         low=0.0,
         high=10000.0,
         live=True,
