@@ -68,7 +68,8 @@ class Spread(NamedTuple):
     """A standard deviation of ranges, m, how sure it is, m, from so many readings that others met.
 
     The ends are those of its 95 % interval, by chance alone: readings of a wall err alike where
-    poses do. Without a reading the mean is the default, and nothing is known of how sure it is.
+    poses do. Like the mean they are within the limits of sigma: both ends at 0.2 cells say that it
+    is no more. Without a reading the mean is the default, and how sure it is nobody knows.
     """
 
     mean: float

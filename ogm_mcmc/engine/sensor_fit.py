@@ -99,7 +99,8 @@ class Share(NamedTuple):
 class SensorNumbers(NamedTuple):
     """Shares of readings from anywhere and of lost returns, and the spread of ranges.
 
-    None where it was given, or beams do not tell.
+    None where it was given, or, a share, where beams do not tell. A sigma that no beam told of is
+    one of 0 beams.
     """
 
     clutter: Share | None
