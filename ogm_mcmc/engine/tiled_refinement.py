@@ -86,14 +86,16 @@ class TiledRefinement(Refinement):
         self._size = IndexSize(
             size.rays,
             sum(report.n_pairs for report in held.reports),
-            sum(report.n_bytes for report in held.reports),
+            sum(
+                report.n_bytes + chain.chains * report.n_bytes_of_chain for report in held.reports
+            ),
             size.rays - self._model.summaries.n_rays,
         )
         return window
 
     @property
     def size(self) -> IndexSize:
-        """How large the parts of the index are together."""
+        """How large the parts of the index are together, and what tiles keep of all chains."""
         return self._size
 
     @property

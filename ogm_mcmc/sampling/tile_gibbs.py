@@ -7,7 +7,9 @@ for the first hits of all rays anew takes as long as to draw (a tenth of the sta
 x 2 tiles: 0.53 s beside 1.22 s in four sweeps). So a tile keeps the map that it drew last for each
 chain, and goes on from there: cells that others changed since then, all in its rim, redirect their
 rays as in a draw, and rays that are no longer stopped before the tile are looked at. The records
-are those of a tile that kept nothing, bit for bit; that is a test.
+are those of a tile that kept nothing, bit for bit; that is a test. It costs a byte a cell of the
+box and 16 a ray for each chain. `max_memory_mb` does not count that, here as in whole windows: it
+is of the rays. Reports do.
 """
 
 from __future__ import annotations
@@ -29,6 +31,9 @@ from ogm_mcmc.sampling.tile_kernels import find_hits, go_on, look_again
 from ogm_mcmc.sampling.tiles import Tiling
 
 __all__ = ['Drawn', 'TileJob', 'TileReport', 'TileSampler']
+
+# Of a ray in the state of a chain.
+RECORD_BYTES = 16
 
 
 class TileJob(NamedTuple):
@@ -72,7 +77,7 @@ class TileReport(NamedTuple):
     numbers, begins, along, unseen, telling  as in `TileRays`
     touched, told, lifted  bits of the box's cells: a ray crosses them; tells something of them;
                            can make them more likely to be occupied
-    n_pairs, n_bytes       of its index
+    n_pairs, n_bytes       of its rays; `n_bytes_of_chain`: kept of each chain besides
     left_out               as in `RayIndex`, of beams from within the tile's core
     """
 
@@ -86,6 +91,7 @@ class TileReport(NamedTuple):
     lifted: UInt8Array
     n_pairs: int
     n_bytes: int
+    n_bytes_of_chain: int
     left_out: float
 
 
@@ -134,7 +140,8 @@ class TileSampler:
             np.packbits(rays.told()),
             np.packbits(index.gains() > 0.0),
             index.n_pairs,
-            index.n_bytes,
+            rays.n_bytes,
+            index.n_cells + RECORD_BYTES * index.n_rays,
             float(index.left_out[0]),
         )
 

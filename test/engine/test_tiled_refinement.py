@@ -82,6 +82,10 @@ def test_the_sensor_is_fitted_once_where_all_scans_are(scans):
     mean = tiles.map().probability
     assert np.nanmin(mean) >= 0.0
     assert np.nanmax(mean) > 0.0
+    samplers = tiles.tiled._tiles.samplers
+    states = [state for sampler in samplers for state in sampler._kept.values()]
+    kept = sum(array.nbytes for state in states for array in state)
+    assert tiles.size.n_bytes == kept + sum(sampler.rays.n_bytes for sampler in samplers)
 
 
 def test_tiles_that_could_not_be_held_are_held_anew(scans, monkeypatch):

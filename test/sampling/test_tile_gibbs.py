@@ -41,6 +41,10 @@ def test_what_a_tile_keeps_of_a_chain_changes_no_draw():
     assert told > 100
     # No more is kept than there are chains.
     assert all(len(sampler._kept) == 2 for sampler in tiles.samplers)
+    for sampler in tiles.samplers:
+        kept = [array.nbytes for state in sampler._kept.values() for array in state]
+        assert sum(kept) == 2 * sampler.report().n_bytes_of_chain
+        assert sampler.report().n_bytes == sampler.rays.n_bytes
 
 
 @pytest.mark.parametrize(
