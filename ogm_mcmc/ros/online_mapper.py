@@ -165,6 +165,7 @@ class OnlineMapper(ManagedNode):
     def correct(self, nodes: Nodes) -> None:
         """Begin to place the scans anew, and to make the map anew."""
         assert self.kept is not None
+        self.kept.recording.read_anew(self.intake.codes.without_codes)
         self.kept.correct(nodes, self.pipeline.config)
 
     def take_remade(self) -> None:

@@ -53,6 +53,20 @@ def walk(node):
 CORRECTED = path([(float(k), 0.1 * k, 0.0, 0.0) for k in range(1, SCANS - 1)])
 
 
+def test_the_live_map_is_made_anew_without_codes_known_by_then(monkeypatch):
+    chosen = parameters(keep_scans=True, resolution=0.1, no_return='ignore')
+    with local_node(OnlineMapper, parameter_overrides=chosen) as node:
+        walk(node)
+        node.intake.codes.chosen_m = 2.0
+        made_of = []
+        monkeypatch.setattr(
+            node.kept, 'correct', lambda *_: made_of.extend(node.kept.recording.snapshot())
+        )
+        node.trajectory.on_path(CORRECTED)
+        assert len(made_of) == SCANS
+        assert all(one.scan.ranges_m.tolist() == [1.0, 1.5, math.inf] for one in made_of)
+
+
 def test_the_live_map_is_made_anew_and_swapped_in():
     chosen = parameters(keep_scans=True, resolution=0.1, no_return='ignore')
     with local_node(OnlineMapper, parameter_overrides=chosen) as node:
