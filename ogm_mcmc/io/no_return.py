@@ -117,10 +117,13 @@ def _sick_codes(readings: Float64Array) -> list[Code]:
 
 
 def are_codes(ranges_m: Float64Array, codes: Sequence[Code]) -> BoolArray:
-    """Return which readings are any of these codes."""
-    missing = np.zeros(ranges_m.shape, bool)
+    """Return which readings are any of these codes, in the single precision of messages.
+
+    There a code of 29.9 m comes as 29.8999996.
+    """
+    missing, sent = np.zeros(ranges_m.shape, bool), ranges_m.astype(np.float32)
     for code in codes:
-        missing |= (ranges_m >= code.low_m) & (ranges_m <= code.high_m)
+        missing |= (sent >= np.float32(code.low_m)) & (sent <= np.float32(code.high_m))
     return missing
 
 
