@@ -156,6 +156,7 @@ class RangeCodes:
         self.chosen_m = chosen_m
         self._tell = tell
         self._sensors: Recent[_Sensor] = Recent(MOST_SENSORS)
+        self._doubted_m = 0.0  # the chosen code that was last said to leave nothing
 
     def learn(self, scans: Iterable[Scan]) -> None:
         """Look at scans from all over a recording, before the first is used; that settles it."""
@@ -187,6 +188,13 @@ class RangeCodes:
         stay. What was taken for a code stays `+inf` where it turned out to be none.
         """
         if self.chosen_m > 0.0:
+            if self.chosen_m <= scan.range_min_m and self.chosen_m != self._doubted_m:
+                self._doubted_m = self.chosen_m
+                self._say(
+                    scan.frame_id,
+                    f'no_return_code is {self.chosen_m:g} m, and range_min {scan.range_min_m:g} '
+                    'm: no reading is left; expected a greater code, or 0',
+                )
             return _without(scan, [Code('chosen', self.chosen_m, math.inf, self.chosen_m)])
         sensor = self._sensors.get(scan.frame_id)
         return scan if sensor is None else _without(scan, sensor.codes)
@@ -199,7 +207,10 @@ class RangeCodes:
     def _look(self, frame: str, *, at_latest: bool = True) -> None:
         said = self._sensor(frame).look(at_latest=at_latest)
         if said:
-            self._tell(f'{frame}: {said}')
+            self._say(frame, said)
+
+    def _say(self, frame: str, text: str) -> None:
+        self._tell(f'{frame}: {text}' if frame else text)
 
 
 def _without(scan: Scan, codes: list[Code]) -> Scan:
@@ -210,7 +221,8 @@ def _without(scan: Scan, codes: list[Code]) -> Scan:
     if not is_code.any():
         return scan
     hits = scan.ranges_m[scan.measured() & ~is_code]
-    reach = max(min(code.reach_m for code in codes), float(hits.max(initial=0.0)))
+    told = min(code.reach_m for code in codes)
+    reach = max(told, float(hits.max(initial=0.0)), scan.range_min_m)
     ranges = scan.ranges_m.copy()
     ranges[is_code] = np.inf
     return replace(scan, ranges_m=ranges, range_max_m=min(scan.range_max_m, reach))

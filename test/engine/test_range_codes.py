@@ -180,6 +180,36 @@ def test_a_chosen_code_counts_alone():
     assert not said
 
 
+@pytest.mark.parametrize('code', [29.9, 5.6, 25.0, 3.499])
+def test_a_chosen_code_is_what_messages_can_hold_of_it(code):
+    """They hold single precision: 29.9 comes as 29.8999996, 5.6 as 5.5999999."""
+    ranges = np.full(BEAMS, code, np.float32)
+    ranges[::2] = np.nextafter(np.float32(code), np.float32(0.0))
+    taken = RangeCodes(chosen_m=code).taken(scan_of(ranges))
+    assert np.isinf(taken.ranges_m[1::2]).all()
+    assert np.array_equal(taken.ranges_m[::2], ranges[::2])
+    assert taken.measured()[::2].all()
+
+
+def test_a_chosen_code_that_takes_all_readings_is_said_once():
+    said = []
+    codes = RangeCodes(0.05, said.append)
+    for _ in range(3):
+        taken = codes.taken(scan_of(np.full(BEAMS, 4.0)))
+        assert np.isinf(taken.ranges_m).all()
+        assert taken.range_max_m == taken.range_min_m == 0.1
+    assert said == [
+        'laser: no_return_code is 0.05 m, and range_min 0.1 m: no reading is left; expected a '
+        'greater code, or 0'
+    ]
+
+
+def test_a_sensor_without_a_name_is_not_named():
+    said = []
+    RangeCodes(tell=said.append).taken(scan_of(coded(), frame=''))
+    assert [text.startswith('readings of 25 m') for text in said] == [True]
+
+
 def test_what_was_learned_of_a_recording_holds_from_the_first_scan_on():
     said = []
     codes = RangeCodes(tell=said.append)
