@@ -39,7 +39,8 @@ def walks(tmp_path_factory):
     folder = tmp_path_factory.mktemp('walks')
     lidar = Lidar(beams=90, range_max_m=8.0)
     recording = list(record(WORLDS['office'](), lidar, np.random.default_rng(5)))
-    later_ns = recording[-1].scan.stamp_ns
+    # Without a gap in which scans would be missing.
+    later_ns = recording[-1].scan.stamp_ns - recording[0].scan.stamp_ns
     write_recording(folder / 'first', recording[::6])
     second = (
         placed._replace(scan=replace(placed.scan, stamp_ns=placed.scan.stamp_ns + later_ns))
