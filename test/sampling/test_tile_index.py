@@ -15,18 +15,6 @@ from ogm_mcmc.sampling.tile_index import tile_rays
 from ogm_mcmc.sampling.tiles import tiling_of
 
 
-@pytest.fixture(scope='module')
-def scans():
-    return room()
-
-
-@pytest.fixture(scope='module')
-def window(scans):
-    window = RayWindow(WINDOW, MODEL, margin=5)
-    window.add(scans)
-    return window
-
-
 @pytest.mark.parametrize('side', [0, 3])
 def test_a_tile_holds_what_the_whole_has_inside(scans, window, side):
     tiling = tiling_of(window.spec, 3, 2, side)

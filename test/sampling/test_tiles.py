@@ -22,18 +22,6 @@ from ogm_mcmc.sampling.tiles import MapTile, colours, tiling_of
 
 
 @pytest.fixture(scope='module')
-def scans():
-    return room()
-
-
-@pytest.fixture(scope='module')
-def window(scans):
-    window = RayWindow(WINDOW, MODEL, margin=5)
-    window.add(scans)
-    return window
-
-
-@pytest.fixture(scope='module')
 def buildings():
     return make_table('border', 9, load_prior(default_prior_file(), 0.05).counts)
 
