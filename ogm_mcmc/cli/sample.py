@@ -365,6 +365,7 @@ def _text(result: dict[str, Any]) -> str:
     return (
         f'{result["scans_used"]} of {result["scans"]} scans, {result["rays"]} rays{merged} -> '
         f'{result["files"]["yaml"]}: {result["cells"]} cells, {result["counted"]} sweeps counted '
-        f'of each chain, {result["sweeps_per_s"]:.1f}/s, R-hat {r_hat} (99 %){agreeing}; '
+        f'of each of {result["chains"]} chains, {result["sweeps_per_s"]:.1f}/s, '
+        f'R-hat {r_hat} (99 %){agreeing}; '
         f'stopped: {result["reason"]}{early}{moved}' + (f'; dropped: {dropped}' if dropped else '')
     )

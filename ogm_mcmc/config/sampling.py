@@ -109,6 +109,15 @@ class WindowConfig:
         check_bounds(self)
 
 
+# Below so many rays, so many chains where nobody says how many. Patches: independent cells forget
+# in a few sweeps whatever they were.
+CHAINS_BELOW = ((20_000, 8), (60_000, 4))
+ENOUGH_CHAINS = 2
+CHAINS_SAID = ', '.join(
+    [*(f'{chains} below {most}' for most, chains in CHAINS_BELOW), f'else {ENOUGH_CHAINS}']
+)
+
+
 @dataclass(frozen=True)
 class ChainConfig:
     """How the chains are started and run."""
@@ -118,9 +127,10 @@ class ChainConfig:
     )
     chains: int = setting(
         2,
-        'number of chains, one thread each; where beams are few 8 give a better map between beams '
-        'than 2, and more alike from run to run',
-        low=1,
+        f'number of chains, one thread each; 0: by the rays, {CHAINS_SAID} ({ENOUGH_CHAINS} of '
+        'independent cells): where beams are few more chains give a better map between them, and '
+        'one more alike from run to run. Chains that go on with other scans never become more',
+        low=0,
         high=64,
     )
     start: str = setting(
@@ -305,6 +315,18 @@ class SamplerConfig:
     window: WindowConfig = WindowConfig()
     chain: ChainConfig = ChainConfig()
     patch: PatchConfig = PatchConfig()
+
+    def chains_for(self, n_rays: int) -> int:
+        """Return how many chains sample so many rays.
+
+        Between few beams each chain keeps what it once made of the space there, which no reading
+        tells: the mean of more chains is nearer to the truth and more alike from run to run, and
+        their sweeps are cheap. Many beams leave little open, and more chains only take longer.
+        """
+        if self.chain.chains:
+            return self.chain.chains
+        below = () if self.patch.single_cells else CHAINS_BELOW
+        return next((chains for most, chains in below if n_rays < most), ENOUGH_CHAINS)
 
 
 @dataclass(frozen=True)

@@ -96,7 +96,9 @@ def _of_window(window: WindowConfig, method: str) -> MapperConfig:
     )
 
 
-def first_maps(live: GridMap, config: SamplerConfig, spec: GridSpec) -> list[UInt8Array]:
+def first_maps(
+    live: GridMap, config: SamplerConfig, spec: GridSpec, n_chains: int
+) -> list[UInt8Array]:
     """Return the maps (K,) on a window that chains start from, as the settings have it.
 
     live  the live map of the scans of that window
@@ -104,7 +106,7 @@ def first_maps(live: GridMap, config: SamplerConfig, spec: GridSpec) -> list[UIn
     chain = config.chain
     return over_dispersed_starts(
         chain.start,
-        chain.chains,
+        n_chains,
         cells_on(spec, live, chain.start_threshold, chain.prior),
         chain.prior,
         chain.seed,

@@ -23,6 +23,7 @@ class Progress(NamedTuple):
     ess_median: float
     mcse_max: float
     log_likelihood: float
+    chains: int
     reason: str = ''
 
     def as_dict(self) -> dict[str, Any]:

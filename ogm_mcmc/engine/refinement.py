@@ -185,6 +185,9 @@ class Refinement:
         window, index = self.window, self.window.index
         return IndexSize(window.n_beams, index.n_pairs, index.n_bytes, window.n_merged)
 
+    def _n_rays(self, window: RayWindow) -> int:
+        return window.n_beams
+
     def _posterior(self, window: RayWindow, grown: Grown | None) -> PosteriorModel:
         return posterior_model(self.config, window, self._table, grown_from=grown)
 
@@ -218,14 +221,15 @@ class Refinement:
         chain, spec = self.config.chain, window.spec
         model = self._posterior(window, grown)
         earlier, moved, soon = warm
-        starts = [] if earlier is None or start is not None else earlier.maps_on(spec)
+        n_chains = self.config.chains_for(self._n_rays(window))
+        starts = [] if earlier is None or start is not None else earlier.maps_on(spec)[:n_chains]
         # Chains that began alike agree whether or not they have forgotten it.
         apart = start is None and not starts and chain.start == 'dispersed'
         if start is not None:
-            starts = [cells_on(spec, start, chain.start_threshold, chain.prior)] * chain.chains
+            starts = [cells_on(spec, start, chain.start_threshold, chain.prior)] * n_chains
         elif not starts or moved is not None:
             self._live = live_map(scans, self._decided().window)
-            fresh = first_maps(self._live, self._decided(), spec)
+            fresh = first_maps(self._live, self._decided(), spec, len(starts) or n_chains)
             only = moved if starts else None
             if only is not None:
                 fresh = [np.where(only, a, b) for a, b in zip(fresh, starts, strict=True)]
@@ -237,7 +241,7 @@ class Refinement:
         if earlier is not None:
             # From the seed, chains would repeat the numbers that brought them where they are. The
             # generators are in a saved state, too: chains taken up again draw the same from here.
-            sampler.rngs = earlier.rngs
+            sampler.rngs[: len(earlier.rngs)] = earlier.rngs[: len(starts)]
         return sampler
 
     def _knows(self, scans: Sequence[PlacedScan], earlier: EarlierChains | None) -> bool:

@@ -108,6 +108,7 @@ class SamplingRounds:
             sweeps_per_s=done / max(seconds, 1e-9),
             agreeing_share=agreeing if quality is None else quality.agreeing_share(stop.r_hat),
             log_likelihood=float(np.mean(sampler.log_likelihoods())),
+            chains=len(sampler.states),
             reason=reason,
             **figures,
         )

@@ -77,6 +77,7 @@ class TiledRefinement(Refinement):
         tiling = tiling_of(window.spec, *self._shape, side)
         given = self.found_settings()
         patch, chain = given.patch, given.chain
+        n_chains = given.chains_for(size.rays)
         self._index_spent = True  # the tiles of before are held no longer
         held = self._holders.hold(given, scans, tiling)
         prior = TilePrior(chain.prior_log_odds, chain.order, side, patch.margin, patch.escape)
@@ -86,9 +87,7 @@ class TiledRefinement(Refinement):
         self._size = IndexSize(
             size.rays,
             sum(report.n_pairs for report in held.reports),
-            sum(
-                report.n_bytes + chain.chains * report.n_bytes_of_chain for report in held.reports
-            ),
+            sum(report.n_bytes + n_chains * report.n_bytes_of_chain for report in held.reports),
             size.rays - self._model.summaries.n_rays,
         )
         return window
@@ -97,6 +96,9 @@ class TiledRefinement(Refinement):
     def size(self) -> IndexSize:
         """How large the parts of the index are together, and what tiles keep of all chains."""
         return self._size
+
+    def _n_rays(self, window: RayWindow) -> int:
+        return self._size.n_rays
 
     @property
     def tiled(self) -> TiledModel:

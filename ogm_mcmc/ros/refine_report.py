@@ -109,6 +109,7 @@ def progress_values(progress: Progress | None) -> dict[str, object]:
     if progress is None:
         return {'sweeps': 0, 'sweeps counted': 0}
     return {
+        'chains': progress.chains,
         'sweeps': progress.sweeps,
         'sweeps counted': progress.counted,
         'seconds': f'{progress.seconds:.1f}',

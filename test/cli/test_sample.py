@@ -294,7 +294,7 @@ def test_an_end_before_the_burn_in_is_said(sample, office_bag, capsys):
 
 
 def test_what_the_bar_says():
-    progress = Progress(300, 250, 10.0, 20.0, 0.985, 1.034, 90.0, 0.01, -5.0)
+    progress = Progress(300, 250, 10.0, 20.0, 0.985, 1.034, 90.0, 0.01, -5.0, 8)
     # 200 sweeps were done in this run: 100 are left, 5 s; there would be time for 50 s.
     stop = StopConfig(max_sweeps=300, max_time=60.0)
     assert status(progress, stop, 200) == (

@@ -7,6 +7,7 @@ import pytest
 from ogm_mcmc.config import (
     ChainConfig,
     ForwardModelConfig,
+    PatchConfig,
     RecordingConfig,
     SamplerConfig,
     StopConfig,
@@ -15,6 +16,7 @@ from ogm_mcmc.config import (
     flatten,
     settings_of,
 )
+from ogm_mcmc.config.sampling import CHAINS_BELOW
 from ogm_mcmc.errors import ConfigError
 
 REFUSED = [
@@ -23,7 +25,7 @@ REFUSED = [
     (ChainConfig, 'prior', 1, 'expected a number from'),
     (ChainConfig, 'prior', math.nan, 'expected a number from'),
     (ChainConfig, 'prior', '0.5', 'expected float'),
-    (ChainConfig, 'chains', 0, 'expected a number from 1'),
+    (ChainConfig, 'chains', -1, 'expected a number from 0'),
     (ChainConfig, 'burn_in', -1, 'expected a number from 0'),
     (ChainConfig, 'seed', -1, 'expected a number from 0'),
     (ChainConfig, 'start', 'anywhere', 'one of dispersed, live, prior, free, occupied'),
@@ -64,6 +66,21 @@ def test_refused_with_setting_value_and_expectation(cls, name, value, expectatio
     assert message.startswith(f'{name} is {value!r}: ')
     assert expectation in message
     assert '\n' not in message
+
+
+def test_chains_are_as_many_as_said_or_the_more_the_fewer_rays():
+    def chains_for(n_rays, chains=0, **patch):
+        config = SamplerConfig(chain=ChainConfig(chains=chains), patch=PatchConfig(**patch))
+        return config.chains_for(n_rays)
+
+    learned = {'prior': 'border', 'size': 9}
+    by_rays = [chains_for(10**power, **learned) for power in range(8)]
+    assert by_rays == sorted(by_rays, reverse=True)
+    assert by_rays[-1] == 2
+    for most, chains in CHAINS_BELOW:
+        assert chains_for(most - 1, **learned) == chains > chains_for(most, **learned)
+        assert chains_for(most, 3, **learned) == 3
+        assert chains_for(most - 1) == 2  # of independent cells
 
 
 def test_hits_need_a_share():

@@ -21,7 +21,7 @@ STOP = StopConfig(max_time=40.0, max_sweeps=500, r_hat=1.1, agreeing_share=0.99)
 
 
 def progress(share, sweeps=120):
-    return Progress(sweeps, 100, 10.0, 12.0, share, 1.3, 50.0, 0.1, -100.0)
+    return Progress(sweeps, 100, 10.0, 12.0, share, 1.3, 50.0, 0.1, -100.0, 4)
 
 
 def test_the_answer_says_how_much_how_long_and_from_where():

@@ -126,10 +126,9 @@ def _agreement(
             'wall': round(progress.ess_median / sampling[0], 3),
             'cpu': round(progress.ess_median / sampling[1], 3),
         },
+        'chains': progress.chains,
         'sweeps': progress.sweeps,
-        'ms_per_sweep_and_chain': round(
-            1e3 * sampling[1] / progress.sweeps / config.chain.chains, 3
-        ),
+        'ms_per_sweep_and_chain': round(1e3 * sampling[1] / progress.sweeps / progress.chains, 3),
         'rays': refinement.size.n_rays,
     }
 

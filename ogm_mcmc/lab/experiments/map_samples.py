@@ -108,7 +108,8 @@ def sample_map(
     known = np.nan_to_num(start.probability, nan=chain.prior)
     live: UInt8Array = (known >= chain.start_threshold).astype(np.uint8).reshape(-1)
     free = np.nan_to_num(start.probability, nan=1.0).reshape(-1) < 0.5
-    starts = over_dispersed_starts(chain.start, chain.chains, live, chain.prior, chain.seed, free)
+    n_chains = config.chains_for(window.n_beams)
+    starts = over_dispersed_starts(chain.start, n_chains, live, chain.prior, chain.seed, free)
     sampler = PosteriorSampler(model, starts, seed=chain.seed, burn_in=chain.burn_in)
     sampler.advance(chain.burn_in)
     samples, seconds, done = [], 0.0, 0
@@ -125,5 +126,5 @@ def sample_map(
     if not config.patch.single_cells and config.patch.prior != 'uniform':
         settings['patch.prior_file'] = default_prior_file().name
     mean = GridMap.of_cells(spec, model.touched, sampler.estimate().mean, chain.prior)
-    per_sample = seconds / (sweeps * chain.chains)
+    per_sample = seconds / (sweeps * n_chains)
     return SampledMap(mean, samples, per_sample, window.index.n_rays, settings)
