@@ -39,7 +39,7 @@ UNKNOWN = 0.05
 SETTLING, KEPT = 4, 8
 
 # Sweeps of the map that judges at the end.
-BURN_IN, COUNTED = 40, 40
+CHAINS, BURN_IN, COUNTED = 2, 40, 40
 
 
 class Explorer:
@@ -116,7 +116,7 @@ def sampler_config(
 ) -> RefineSamplerConfig:
     """Return what `~/refine` samples by, with a sensor that is known."""
     config = RefineSamplerConfig(model=model, window=WindowConfig(resolution=resolution_m))
-    chain = replace(config.chain, sensor='given', burn_in=burn_in, seed=seed)
+    chain = replace(config.chain, chains=CHAINS, sensor='given', burn_in=burn_in, seed=seed)
     return replace(config, chain=chain)
 
 

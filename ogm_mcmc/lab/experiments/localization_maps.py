@@ -36,7 +36,7 @@ __all__ = [
     'some_beams',
 ]
 
-BURN_IN, SWEEPS_BETWEEN = 60, 2
+CHAINS, BURN_IN, SWEEPS_BETWEEN = 2, 60, 2
 
 # Noise, poses and walls that are cells: what a localizer expects of a range.
 FIT_MODEL = ForwardModelConfig(sigma=0.1)
@@ -86,7 +86,8 @@ def maps_of(placed: Sequence[PlacedScan], resolution_m: float, seed: int) -> Map
     which it is not certain which are occupied stay: without them walls have gaps.
     """
     config = RefineSamplerConfig(window=WindowConfig(resolution=resolution_m))
-    config = replace(config, chain=replace(config.chain, burn_in=BURN_IN, seed=seed))
+    chain = replace(config.chain, chains=CHAINS, burn_in=BURN_IN, seed=seed)
+    config = replace(config, chain=chain)
     refinement, kept = Refinement(config), KeptSamples()
     refinement.take(placed)
     sampler = refinement.sampler
