@@ -60,6 +60,12 @@ class TrajectoryConfig:
         'use odometry for how the robot went from scan to scan, where there is any beside the '
         'poses: nav_msgs/Odometry, or a frame odom in tf',
     )
+    beam_times: bool = setting(
+        True,
+        'estimate when the beams of a scan were taken, from what they saw while the sensor moved: '
+        'even and odd ones in two turns of a mirror, one after the other in a sweep; scans are '
+        'bent by that',
+    )
     draws: int = setting(
         40, 'trajectories drawn for the standard deviations of poses', low=2, high=10000
     )

@@ -15,9 +15,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from ogm_mcmc.arrays import Float64Array
 from ogm_mcmc.geometry import Pose2D, Scan
 
-__all__ = ['bent', 'last_stamp_ns', 'time_between_beams']
+__all__ = ['bent', 'bent_by_parts', 'last_stamp_ns', 'time_between_beams']
 
 # A sweep in which the sensor moves less is left as it is.
 LEAST_TURN_RAD = math.radians(0.01)
@@ -57,7 +58,11 @@ def bent(scan: Scan, way: Pose2D) -> Scan:
     """
     if abs(way.yaw_rad) < LEAST_TURN_RAD and math.hypot(way.x_m, way.y_m) < LEAST_WAY_M:
         return scan
-    part = np.linspace(0.0, 1.0, scan.ranges_m.size)
+    return bent_by_parts(scan, way, np.linspace(0.0, 1.0, scan.ranges_m.size))
+
+
+def bent_by_parts(scan: Scan, way: Pose2D, part: Float64Array) -> Scan:
+    """Return the scan as seen from one place: each beam was a part (B,) of `way` further on."""
     direction = scan.bearings() + part * way.yaw_rad
     ranges = scan.ranges_m.astype(np.float64)
     hit = scan.measured()

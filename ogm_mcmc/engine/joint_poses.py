@@ -17,6 +17,7 @@ import numpy as np
 
 from ogm_mcmc.arrays import Float64Array
 from ogm_mcmc.config import PosesConfig, TrajectoryConfig
+from ogm_mcmc.engine.beam_times import BentScans, beam_times_figures
 from ogm_mcmc.engine.odometry import OdometryAt, wheel_moves
 from ogm_mcmc.geometry import PlacedScan, Pose2D, PoseBelief
 from ogm_mcmc.trajectory import Moves, TrajectoryProgress, TrajectoryRefinement
@@ -100,7 +101,8 @@ class PoseRefinement:
     """The poses of some scans, refined step by step; a thin coat of `TrajectoryRefinement`.
 
     `odometry` says where the robot was at a stamp by its wheels, where the settings want it;
-    `wheels` are the moves that came of it.
+    `wheels` are the moves that came of it. Where beams were taken at different times, scans come
+    out bent by that, from `scans_bent`: those of before stay the same objects.
     """
 
     def __init__(
@@ -108,15 +110,21 @@ class PoseRefinement:
         scans: Sequence[PlacedScan],
         config: TrajectoryConfig,
         odometry: OdometryAt | None = None,
+        scans_bent: BentScans | None = None,
     ) -> None:
         self.scans = list(scans)
+        self.scans_bent = BentScans() if scans_bent is None else scans_bent
         stamps = np.array([placed.scan.stamp_ns for placed in scans], np.int64)
         self.order = np.argsort(stamps, kind='stable')
         self.wheels: Moves | None = None
         if odometry is not None and config.odometry:
             self.wheels = wheel_moves(self.scans, self.order, odometry)
         self.estimator = TrajectoryRefinement(
-            self.scans, config, moves=self.wheels, order=self.order
+            self.scans,
+            config,
+            moves=self.wheels,
+            order=self.order,
+            times_s=1e-9 * (stamps - stamps[:1]),
         )
         self.progress: TrajectoryProgress | None = None
 
@@ -135,9 +143,14 @@ class PoseRefinement:
 
     def placed(self) -> list[PlacedScan]:
         """Return the scans at their poses as they are now, with covariances once known."""
+        bent = self.scans_bent.bent(
+            [one.scan for one in self.scans],
+            self.estimator.speeds,
+            self.estimator.beam_times.seconds,
+        )
         return [
-            PlacedScan(old.scan, belief._replace(offset=old.belief.offset))
-            for old, belief in zip(self.scans, self.estimator.beliefs(), strict=True)
+            PlacedScan(scan, belief._replace(offset=old.belief.offset))
+            for old, scan, belief in zip(self.scans, bent, self.estimator.beliefs(), strict=True)
         ]
 
     def trajectory(self) -> RefinedTrajectory:
@@ -175,6 +188,7 @@ class PoseRefinement:
             figures['point_deviation_95_m'] = [round(low, 6), round(high, 6)]
         figures['belief_scale'] = round(self.estimator.belief_scale, 6)
         figures['belief_correlation'] = [round(float(r), 6) for r in self.estimator.correlation]
+        figures['beam_times'] = beam_times_figures(self.estimator.beam_times)
         figures['odometry_steps'] = 0 if self.wheels is None else int(self.wheels.first.size)
         if self.wheels is not None:
             figures['odometry_scale'] = round(self.odometry_scale, 6)
@@ -193,6 +207,7 @@ class KeptPoses:
 
     def __init__(self, config: PosesConfig, odometry: OdometryAt | None) -> None:
         self.config, self.odometry = config, odometry
+        self._bent = BentScans()
         self.scans: Sequence[PlacedScan] = ()
         self.refinement: PoseRefinement | None = None
         self.placed: list[PlacedScan] = []
@@ -214,7 +229,8 @@ class KeptPoses:
         """Return what refines the poses of these scans; that of before where they are the same."""
         same = len(scans) == len(self.scans) and all(map(operator.is_, scans, self.scans))
         if self.refinement is None or not same:
-            self.refinement = PoseRefinement(scans, self.config.trajectory, self.odometry)
+            settings = self.config.trajectory
+            self.refinement = PoseRefinement(scans, settings, self.odometry, self._bent)
             self.scans = scans
         return self.refinement
 

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ogm_mcmc.config import PosesConfig, SamplerConfig, StopConfig
+from ogm_mcmc.engine.beam_times import said_beam_times
 from ogm_mcmc.engine.joint_poses import KeptPoses
 from ogm_mcmc.engine.kept_samples import MOST_SAMPLES, KeptSamples
 from ogm_mcmc.engine.odometry import OdometryAt, said_odometry
@@ -268,6 +269,8 @@ class RefineWorker:
             if refinement.finished and poses.config.trajectory.odometry:
                 steps, scale = refinement.wheels, refinement.odometry_scale
                 self.log(said_odometry('the robot', steps, len(order.scans), scale))
+            if refinement.finished and (said := said_beam_times(refinement.estimator.beam_times)):
+                self.log(said)
         return poses.placed
 
     def _take(self, scans: Sequence[PlacedScan]) -> None:

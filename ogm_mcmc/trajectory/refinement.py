@@ -14,6 +14,7 @@ from ogm_mcmc.config import TrajectoryConfig
 from ogm_mcmc.errors import WindowError
 from ogm_mcmc.geometry import Pose2D, PoseBelief, Scan
 from ogm_mcmc.trajectory.alike import Alike
+from ogm_mcmc.trajectory.beam_times import BeamTimes, bent_points, shown_times, velocities
 from ogm_mcmc.trajectory.correlative import LookUp, look_up_in_turn, recheck, relocate
 from ogm_mcmc.trajectory.curvature import (
     ROUGHLY,
@@ -60,6 +61,9 @@ RECHECKS = 2
 # Stages that a search begins with, and that its look-up of astray scans is followed by.
 SEARCH_STAGES = STAGES[:2]
 
+# After these steps of stages from `RESCALED_FROM_M` on, it is asked when beams were taken.
+TIMED_AFTER = (1, 3)
+
 # Directions along which it is measured how firmly points hold poses.
 PROBES = 2
 
@@ -83,7 +87,9 @@ class TrajectoryRefinement:
     """The poses of K scans given their ranges and what was believed of them.
 
     Deterministic for a seed, however it is stopped and gone on with. `order` (K,) is the order
-    the scans were taken in, by default that in which they are given.
+    the scans were taken in, by default that in which they are given; `times_s` (K,) is when, as
+    far as that is known. With it, `beam_times` says when their beams were, and `speeds` (K, 3) how
+    fast the sensor was (m/s, m/s, rad/s, as it saw itself).
     """
 
     def __init__(
@@ -93,11 +99,15 @@ class TrajectoryRefinement:
         *,
         moves: Moves | None = None,
         order: AnyArray | None = None,
+        times_s: AnyArray | None = None,
     ) -> None:
         if not placed:
             raise WindowError('no scan was recorded: expected at least one')
         self.config = TrajectoryConfig() if config is None else config
-        self.points = ScanPoints.of([scan for scan, _ in placed], self.config.max_range)
+        self._seen = ScanPoints.of([scan for scan, _ in placed], self.config.max_range)
+        self.points = self._seen  # bent for when beams were taken
+        self.beam_times, self.speeds = BeamTimes.at_once(), np.zeros((len(placed), 3))
+        self._times = None if times_s is None else np.asarray(times_s, np.float64)
         beliefs = [belief for _, belief in placed]
         self.order: Int64Array = np.asarray(
             np.arange(len(placed)) if order is None else order, np.int64
@@ -190,11 +200,25 @@ class TrajectoryRefinement:
             if step % 2 == 0:  # they change little, and cost as much as the step itself
                 share = self._held_by(self._system, before, stage)
             blocks = share * self._system.blocks
+            if stage.side_m <= RESCALED_FROM_M and step in TIMED_AFTER:
+                self._time_beams(self._system, before, share)
             if self.config.rescale:
                 self.factors = self._rescaled(blocks, stage)
             if self.config.correlation < 0.0 and stage.side_m <= RESCALED_FROM_M:
                 self.factors = self.factors.correlated(self.poses, blocks)
             yield self._progress('aligned', stage.side_m, self.poses - before)
+
+    def _time_beams(self, system: SurfelSystem, poses: Float64Array, held: float) -> None:
+        """Find out when beams were taken from `system` around poses (K, 3); bend the points."""
+        if self._times is None or not self.config.beam_times:
+            return
+        speeds = velocities(poses, self.order, self._times)
+        if not speeds.any():
+            return
+        now = self.beam_times.seconds
+        self.beam_times = shown_times(system, self.points, self.factors, poses, speeds, now, held)
+        self.speeds = speeds
+        self.points = bent_points(self._seen, speeds, self.beam_times.seconds)
 
     def _held_by(self, system: SurfelSystem, poses: Float64Array, stage: Stage) -> float:
         """Return how much of what `system` around poses (K, 3) says of them is so (`held_share`).

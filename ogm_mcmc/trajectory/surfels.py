@@ -67,6 +67,8 @@ class Stage(NamedTuple):
 class SurfelSystem(NamedTuple):
     """The log-likelihood around poses: A entries of V surfels, see `surfel_kernels`.
 
+    Entry a is point `point[a]`, of scan `scan[a]`, in one of the layers.
+
     `variance` is that of a point around its line, m^2, as the points themselves show it; `slope`
     is the mean change of r f(r / cut) with r, as a share of the mean weight, `doubt`
     the standard deviation of the variance, as a share of it, points taken for independent.
@@ -76,6 +78,7 @@ class SurfelSystem(NamedTuple):
     jacobian: Float64Array
     weight: Float64Array
     surfel: Int64Array
+    point: Int64Array
     scan: Int64Array
     total: Float64Array
     blocks: Float64Array
@@ -92,7 +95,8 @@ class SurfelSystem(NamedTuple):
 
         fitted  so many numbers of the poses the points decide, see `curvature.numbers_fitted`
         """
-        residual, jacobian, weight, surfel, scan = _entries(points, poses, stage)
+        residual, jacobian, weight, surfel, point = _entries(points, poses, stage)
+        scan = points.scan[point]
         shift = int(surfel.max(initial=-1)) + 1
         total: Float64Array = np.bincount(surfel, weight, minlength=shift).astype(np.float64)
         mean = np.empty(shift)
@@ -106,9 +110,8 @@ class SurfelSystem(NamedTuple):
         gradient, blocks = np.zeros((n_scans, 3)), np.zeros((n_scans, 3, 3))
         gather(-off, jacobian, weight, scan, gradient)
         own_blocks(jacobian, weight, scan, blocks)
-        return cls(
-            off, jacobian, weight, surfel, scan, total, blocks, gradient, variance, slope, doubt
-        )
+        solved = total, blocks, gradient, variance, slope, doubt
+        return cls(off, jacobian, weight, surfel, point, scan, *solved)
 
     def times(self, x: Float64Array) -> Float64Array:
         """Return the precision times x (K, 3)."""
@@ -132,19 +135,18 @@ class SurfelSystem(NamedTuple):
 def _entries(
     points: ScanPoints, poses: Float64Array, stage: Stage
 ) -> tuple[Float64Array, Float64Array, Float64Array, Int64Array, Int64Array]:
-    """Return residual, Jacobian, weight, surfel and scan of those entries that count."""
+    """Return residual, Jacobian, weight, surfel and point of those entries that count."""
     parts: list[tuple[AnyArray, ...]] = []
     shift = 0
     for offset in LAYERS:
         residual, jacobian, weight, surfel, n_surfels = _layer(points, poses, stage, offset)
-        used = weight > 0.0
-        scan = points.scan[used]
-        parts.append((residual[used], jacobian[used], weight[used], surfel[used] + shift, scan))
+        used = np.flatnonzero(weight > 0.0)
+        parts.append((residual[used], jacobian[used], weight[used], surfel[used] + shift, used))
         shift += n_surfels
-    residual, jacobian, weight, surfel, scan = (
+    residual, jacobian, weight, surfel, point = (
         np.concatenate(arrays) for arrays in zip(*parts, strict=True)
     )
-    return residual, jacobian, weight, surfel, scan
+    return residual, jacobian, weight, surfel, point
 
 
 def _spread(

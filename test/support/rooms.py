@@ -12,7 +12,7 @@ from ogm_mcmc.geometry import PlacedScan, Pose2D, PoseBelief, Scan
 from ogm_mcmc.simulation.lidar import true_ranges
 from ogm_mcmc.trajectory.points import poses_of
 
-__all__ = ['ROOM', 'noisy_drive', 'path_through', 'scans_of']
+__all__ = ['ROOM', 'noisy_drive', 'path_through', 'scans_at_times', 'scans_of']
 
 # Walls (W, 4), m: a room of 6 x 4 m with a wall standing into it and a box.
 ROOM = np.array(
@@ -64,3 +64,32 @@ def noisy_drive(
         for k, scan, pose in zip(range(1, 17), scans, poses_of(off), strict=True)
     ]
     return truth, placed
+
+
+def scans_at_times(
+    poses: Float64Array, beams: int, noise_m: float, step_s: float, seconds: Sequence[float]
+) -> list[Scan]:
+    """Return scans at the poses (K, 3), `step_s` apart, whose beams are taken one by one.
+
+    seconds  between the turns of even and odd beams, and from the first beam to the last; the
+             robot is at a pose in the middle
+    """
+    times = step_s * np.arange(len(poses))
+    half, last = 0.5, max(beams - 1, 1)
+    rng = np.random.default_rng(5)
+    scans = []
+    for scan, time in zip(scans_of(poses, beams, 0.0), times, strict=True):
+        for i, bearing in enumerate(scan.bearings()):
+            at = time + (i % 2 - half) * seconds[0] + (i / last - half) * seconds[1]
+            pose = Pose2D(*(_between(at, times, axis) for axis in poses.T))
+            scan.ranges_m[i] = true_ranges(ROOM, pose, np.array([bearing]))[0]
+        scan.ranges_m[:] += noise_m * rng.standard_normal(beams)
+        scans.append(scan)
+    return scans
+
+
+def _between(at: float, times: Float64Array, values: Float64Array) -> float:
+    """Return a value at a time, beyond either end as it went there."""
+    k = int(np.clip(np.searchsorted(times, at) - 1, 0, len(times) - 2))
+    share = (at - times[k]) / (times[k + 1] - times[k])
+    return float(values[k] + share * (values[k + 1] - values[k]))

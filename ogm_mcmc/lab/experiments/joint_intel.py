@@ -29,6 +29,7 @@ from ogm_mcmc.config import (
     TrajectoryConfig,
     WindowConfig,
 )
+from ogm_mcmc.engine.beam_times import BentScans
 from ogm_mcmc.engine.live_map import map_of
 from ogm_mcmc.engine.refinement import Refinement
 from ogm_mcmc.evaluation import ForwardModel, beam_log_likelihood
@@ -69,7 +70,8 @@ NOTES = [
 class Recorded(NamedTuple):
     """The scans, where the log puts them, the order of their stamps, and what is known.
 
-    exact  those relations that hold at the very stamps of scans
+    exact    those relations that hold at the very stamps of scans
+    times_s  when scans were taken
     """
 
     scans: list[Scan]
@@ -78,6 +80,7 @@ class Recorded(NamedTuple):
     relations: Relations
     rough: Float64Array
     exact: Relations
+    times_s: Float64Array
 
 
 def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
@@ -87,12 +90,16 @@ def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
     config = TrajectoryConfig(seed=seed)
     for name, start, spread in starts_of(recorded, seed)[: 1 if quick else None]:
         began = time.process_time()
-        poses = refined(recorded, start, spread, replace(config, search=name == 'rough'))
+        found = refined(recorded, start, spread, replace(config, search=name == 'rough'))
         seconds = time.process_time() - began
         if name != 'given':
             rows += relations_rows(f'{name}, start', recorded, start)
         nats, error = PEER_NATS.get(name), PEER_RELATIONS[name]
-        rows += judged(f'{name}, refined', recorded, poses, nats, error, quick=quick)
+        bent = BentScans().bent(recorded.scans, found.speeds, found.beam_times.seconds)
+        moved = recorded._replace(scans=bent)
+        rows += judged(f'{name}, refined', moved, found.poses, nats, error, quick=quick)
+        sweep_s = float(found.beam_times.seconds[1])
+        rows.append(row(f'{name}: from the first beam to the last, s', sweep_s))
         rows.append(row(f'{name}: time, s', seconds, None, 'of processors, draws included'))
     settings = {**asdict(config), 'scans': len(recorded.scans), 'seed': seed}
     return {'rows': rows, 'settings': settings, 'notes': NOTES}
@@ -127,6 +134,7 @@ def read_recorded(folder: Path) -> Recorded:
         relations_at(known, stamps),
         np.loadtxt(folder / ROUGH),
         relations_at(known, stamps, SAME_STAMP_S),
+        stamps - stamps.min(),
     )
 
 
@@ -158,17 +166,19 @@ def refined(
     start: Float64Array,
     spread: Sequence[float] | None,
     config: TrajectoryConfig,
-) -> Float64Array:
-    """Return the poses (K, 3) that the even beams lead to."""
+) -> TrajectoryRefinement:
+    """Return the poses (K, 3) that the even beams lead to, and when beams were taken."""
     covariance = None if spread is None else np.diag(np.square(np.asarray(spread)))
     placed = [
         (every_other(scan, 0), PoseBelief(pose, covariance))
         for scan, pose in zip(recorded.scans, poses_of(start), strict=True)
     ]
-    refinement = TrajectoryRefinement(placed, config, order=recorded.order)
+    refinement = TrajectoryRefinement(
+        placed, config, order=recorded.order, times_s=recorded.times_s
+    )
     for _ in refinement.run():
         pass
-    return refinement.poses
+    return refinement
 
 
 def every_other(scan: Scan, first: int) -> Scan:

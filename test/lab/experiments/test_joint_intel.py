@@ -18,17 +18,18 @@ def recorded() -> joint_intel.Recorded:
     relations = Relations(first, first + 1, np.zeros((7, 3)))
     exact = Relations(*(of[:2] for of in relations))
     return joint_intel.Recorded(
-        scans_of(TRUTH, 240, 0.01), TRUTH, np.arange(8), relations, TRUTH + 0.3, exact
-    )
+        scans_of(TRUTH, 240, 0.01), TRUTH, np.arange(8), relations, TRUTH + 0.3, exact,
+        0.1 * np.arange(8),
+    )  # fmt: skip
 
 
 def test_odd_beams_move_no_pose(recorded: joint_intel.Recorded) -> None:
     rng = np.random.default_rng(0)
     start = TRUTH + rng.normal(size=TRUTH.shape) * (0.05, 0.05, 0.02)
-    poses = joint_intel.refined(recorded, start, (0.05, 0.05, 0.02), CONFIG)
+    poses = joint_intel.refined(recorded, start, (0.05, 0.05, 0.02), CONFIG).poses
     for scan in recorded.scans:
         scan.ranges_m[1::2] = rng.uniform(1.0, 5.0, 120)
-    again = joint_intel.refined(recorded, start, (0.05, 0.05, 0.02), CONFIG)
+    again = joint_intel.refined(recorded, start, (0.05, 0.05, 0.02), CONFIG).poses
     np.testing.assert_array_equal(again, poses)
     assert absolute_errors(poses, TRUTH).distance_m.mean() < 0.01
 
