@@ -197,8 +197,7 @@ class NoReturnWatch:
         some = missing[:: -(-missing.size // most)]
         steps = min(reach / self.resolution_m, MOST_STEPS)
         along = np.arange(1.0, steps) * self.resolution_m
-        ends = _ends(placed, np.repeat(some, along.size), np.tile(along, some.size))
-        return self._names(ends).reshape(some.size, along.size)
+        return self._names(_ends(placed, some[:, None], along))
 
     def _names(self, points: Float64Array) -> Int64Array:
         column, row = np.floor(points / self.resolution_m).astype(np.int64)
@@ -275,7 +274,7 @@ class LiveNoReturn:
 
 
 def _ends(placed: PlacedScan, beams: AnyArray, lengths: Float64Array) -> Float64Array:
-    """Return the points (2, N) at so many metres along beams, m."""
+    """Return the points (2, ...) at so many metres along beams, m."""
     angles = placed.pose.yaw_rad + placed.scan.bearings()[beams]
     return np.stack(
         (
