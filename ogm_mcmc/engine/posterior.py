@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
@@ -15,9 +16,11 @@ from ogm_mcmc.engine.warp import laid_on
 from ogm_mcmc.errors import PriorError
 from ogm_mcmc.files.user_paths import user_path
 from ogm_mcmc.geometry import GridSpec
-from ogm_mcmc.sampling import CellModel, PosteriorModel, RayWindow
+from ogm_mcmc.sampling import CellModel, GibbsState, PosteriorModel, RayWindow
+from ogm_mcmc.sampling.first_hits import HitsBefore
 from ogm_mcmc.sampling.patch_gibbs import PatchModel
 from ogm_mcmc.sampling.patch_prior import PatchTable, make_table
+from ogm_mcmc.sampling.ray_window import Dropped
 
 __all__ = ['Grown', 'PatchPrior', 'patch_prior', 'posterior_model']
 
@@ -33,10 +36,15 @@ class PatchPrior(NamedTuple):
 
 
 class Grown(NamedTuple):
-    """The model of a window to which rays were added: what it knows need not be found again."""
+    """The chains of a window that changed: what they know need not be found again.
+
+    dropped  what went; rays were added after that
+    """
 
     model: PosteriorModel
+    states: Sequence[GibbsState]
     spec: GridSpec
+    dropped: Dropped | None = None
 
     def known(self, spec: GridSpec) -> tuple[BoolArray, AnyArray] | None:
         """Return what a model of the window as it is now need not find again."""
@@ -44,7 +52,24 @@ class Grown(NamedTuple):
         if found is None:
             return None
         told, telling = found
-        return laid_on(told.view(np.uint8), self.spec, spec, 0).view(np.bool_), telling
+        cells, there = told.view(np.uint8), self.spec
+        if self.dropped is not None:
+            _, staying, then, untold = self.dropped
+            # First on the window as it was without them: beyond it nothing was told any more.
+            cells, there = laid_on(cells, there, then, 0) & ~untold.reshape(-1), then
+            telling = telling[staying]
+        told = laid_on(cells, there, spec, 0).view(np.bool_)
+        return told, telling
+
+    def hits(self, window: RayWindow) -> list[HitsBefore]:
+        """Return what rays that stayed hit first in each chain, for the window as it is now."""
+        here, again = window.spec, window.said_more
+        found = []
+        for cells, records in self.states:
+            if self.dropped is not None:
+                records = records[self.dropped.staying]
+            found.append(HitsBefore(cells, self.spec, records, here, again))
+        return found
 
 
 def patch_prior(config: SamplerConfig) -> PatchPrior:

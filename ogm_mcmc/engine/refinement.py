@@ -44,6 +44,7 @@ from ogm_mcmc.engine.sensor_fit import (
     saved_beams,
 )
 from ogm_mcmc.engine.warp import moved_cells
+from ogm_mcmc.engine.window_changes import WindowChange
 from ogm_mcmc.errors import WindowError
 from ogm_mcmc.files.output_files import replacing
 from ogm_mcmc.geometry import GridMap, PlacedScan
@@ -52,6 +53,7 @@ from ogm_mcmc.sampling.chain_starts import forgotten
 from ogm_mcmc.sampling.estimates import at_least, with_one_more_draw, with_share_of
 from ogm_mcmc.sampling.informed import known_cells
 from ogm_mcmc.sampling.posterior import ARRIVES, Estimate
+from ogm_mcmc.sampling.ray_window import Dropped
 
 __all__ = ['Refinement']
 
@@ -81,6 +83,7 @@ class Refinement:
         self.model = config.model  # of the beams, fitted where that is wanted
         self.sensor: SensorNumbers | None = None
         self._told = 0  # how many scans told of the sensor
+        self._came = 0  # how many came in since
         self.window = self._empty_window()
         self._table, self.prior = patch_prior(config)
         self.sampler: PosteriorSampler | None = None
@@ -95,9 +98,10 @@ class Refinement:
     def take(self, scans: Sequence[PlacedScan], start: GridMap | None = None) -> int:
         """Use these scans from now on; return the number of rays.
 
-        Scans added since the last time extend the rays already indexed; any other change builds
-        them anew, also when all scans together say that +inf means another thing, or when they
-        are twice those that told what the sensor is like, and tell of another one. Chains begin at
+        Scans added since the last time extend the rays already indexed, those that went are taken
+        out of them; where most went, or came in between, all are indexed anew, also when all scans
+        together say that +inf means another thing, or when as many came as had told what the
+        sensor is like, and tell of another one. Chains begin at
         `start`; without it they go on from where they are (a warm start; where scans were placed
         anew chains begin anew there), and the first ones begin as the configuration says. Raises
         WindowError when there is nothing to sample or too much, and GridError when `start` is of
@@ -108,16 +112,14 @@ class Refinement:
             raise WindowError('no scan was recorded: expected at least one')
         if start is not None:
             check_lattice(self.window.spec, start)
-        known = len(self._taken)
-        extends = 0 < known <= len(scans) and all(
-            old is new for old, new in zip(self._taken, scans[:known], strict=True)
-        )
+        change = WindowChange.between(self._taken, scans)
         old, held = self.window.spec, (self.no_return, self.model, self.sensor)
         asked = self.config.window
         found = no_return_of(asked.no_return, scans, asked.resolution, asked.max_range)
-        grows = extends and found.value == self.no_return.value
+        grows = change.small and found.value == self.no_return.value
         # Twice as many scans tell what the sensor is like better than those that did.
-        fits = not grows or (self.sensor is not None and len(scans) >= 2 * self._told)
+        came = self._came + len(change.new)
+        fits = not grows or (self.sensor is not None and came >= self._told)
         self._index_spent, self._live = False, None
         self.no_return_found = found
         try:
@@ -128,10 +130,10 @@ class Refinement:
                 if not grows:
                     self.model, self.sensor = model, sensor
             earlier = self._earlier()
-            window = self._indexed(scans, known if grows else 0, extends)
-            moved = None if extends else moved_cells(window.spec, self._taken, scans)
             on = self.sampler if grows else None
-            grown = None if on is None else Grown(on.model, old)
+            window, dropped = self._indexed(scans, change if grows else None)
+            moved = None if change.extends else moved_cells(window.spec, self._taken, scans)
+            grown = None if on is None else Grown(on.model, on.states, old, dropped)
             as_before = alike(self.model, held[1])
             if moved is not None and not as_before:
                 # Wrong poses told of a wrong sensor: no chain has been where it should be.
@@ -148,7 +150,7 @@ class Refinement:
             raise
         self.window, self._taken, self.corrected = window, list(scans), moved is not None
         self.sampler, self.rounds, self._others = sampler, SamplingRounds(), None
-        self._told = len(scans) if fits else self._told
+        self._told, self._came = (len(scans), 0) if fits else (self._told, came)
         return self.size.n_rays
 
     def _take_nothing(self) -> None:
@@ -162,18 +164,26 @@ class Refinement:
             return None
         return EarlierChains.of(self.sampler, self.window.spec, self.config.chain.prior)
 
-    def _indexed(self, scans: Sequence[PlacedScan], known: int, lets_go: bool) -> RayWindow:
-        """Return the rays of scans, the first `known` of which are indexed.
+    def _indexed(
+        self, scans: Sequence[PlacedScan], change: WindowChange | None
+    ) -> tuple[RayWindow, Dropped | None]:
+        """Return the rays of scans, and what went: all but a `change` are indexed.
 
-        Where all are indexed anew a recording that grew `lets_go` of what was before, once it is
-        known that there is room: an index may be most of the memory.
+        Without one all are indexed anew, and what was before is let go, once it is known that
+        there is room: an index may be most of the memory.
         """
-        window = self.window if known else self._empty_window()
-        window.add(scans[known:], self._let_go if lets_go and not known else lambda: None)
-        self._index_spent = self._index_spent or known > 0
+        window, dropped = self._empty_window() if change is None else self.window, None
+        if change is None:
+            window.add(scans, self._let_go)
+        else:
+            if change.gone:
+                self._index_spent = True
+                dropped = window.drop(change.gone)
+            window.add([*(dropped.again if dropped else []), *change.new])
+            self._index_spent = True
         if window.index.n_rays == 0:
             raise WindowError(f'no beam of {len(scans)} scans says anything: nothing to sample')
-        return window
+        return window, dropped
 
     def _let_go(self) -> None:
         """Hold the index no longer, nor the chains, which do; scans are still those taken."""
@@ -237,7 +247,11 @@ class Refinement:
             if self._table is not None:
                 starts = forgotten(model, starts, chain.seed, only)
         burn_in = min(chain.burn_in, WARM_BURN_IN) if soon else chain.burn_in
-        sampler = PosteriorSampler(model, starts, seed=chain.seed, burn_in=burn_in, may_end=apart)
+        goes_on = start is None and moved is None
+        hits = grown.hits(window) if grown is not None and goes_on else []
+        sampler = PosteriorSampler(
+            model, starts, seed=chain.seed, burn_in=burn_in, may_end=apart, hits=hits
+        )
         if earlier is not None:
             # From the seed, chains would repeat the numbers that brought them where they are. The
             # generators are in a saved state, too: chains taken up again draw the same from here.
@@ -309,7 +323,7 @@ class Refinement:
         try:
             self.model, self.sensor, told = saved_beams(path, saved.get(FOUND), self.config.model)
             if self.model != held[0]:
-                self.window = self._indexed(self._taken, 0, lets_go=False)
+                self.window, _ = self._indexed(self._taken, None)
                 posterior = self._posterior(self.window, None)
             sampler, _ = load_chains(path, posterior, accept)
         except BaseException:
@@ -317,7 +331,7 @@ class Refinement:
             if self._index_spent:
                 self._take_nothing()
             raise
-        self._told = told
+        self._told, self._came = told, max(len(self._taken) - told, 0)
         self.sampler, self.rounds = sampler, SamplingRounds()
 
     def _identity(self) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from ogm_mcmc.config import SamplerConfig
 from ogm_mcmc.engine.posterior import Grown, patch_prior
 from ogm_mcmc.engine.progress import IndexSize
 from ogm_mcmc.engine.refinement import Refinement
+from ogm_mcmc.engine.window_changes import WindowChange
 from ogm_mcmc.errors import ConfigError, WindowError
 from ogm_mcmc.geometry import PlacedScan
 from ogm_mcmc.sampling import PosteriorModel, RayWindow
@@ -66,7 +67,9 @@ class TiledRefinement(Refinement):
         self._model: TiledModel | None = None
         self._size = IndexSize(0, 0, 0)
 
-    def _indexed(self, scans: Sequence[PlacedScan], known: int, lets_go: bool) -> RayWindow:
+    def _indexed(
+        self, scans: Sequence[PlacedScan], change: WindowChange | None
+    ) -> tuple[RayWindow, None]:
         """Let the rays of scans be held; what is returned has none, and says where cells lie."""
         window = self._empty_window()
         size = window.sum_of_sizes(scans)
@@ -90,7 +93,7 @@ class TiledRefinement(Refinement):
             sum(report.n_bytes + n_chains * report.n_bytes_of_chain for report in held.reports),
             size.rays - self._model.summaries.n_rays,
         )
-        return window
+        return window, None
 
     @property
     def size(self) -> IndexSize:

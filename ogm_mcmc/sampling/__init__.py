@@ -113,7 +113,8 @@ from ogm_mcmc.sampling.posterior import (
     PosteriorSampler,
 )
 from ogm_mcmc.sampling.ray_index import RayIndex
-from ogm_mcmc.sampling.ray_window import RayWindow, WindowSize
+from ogm_mcmc.sampling.ray_window import RayWindow
+from ogm_mcmc.sampling.window_scans import WindowSize
 
 __all__ = [
     'CellModel',

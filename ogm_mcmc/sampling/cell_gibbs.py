@@ -9,7 +9,8 @@ from numpy.random import Generator
 
 from ogm_mcmc.arrays import AnyArray, BoolArray, Float32Array, UInt8Array
 from ogm_mcmc.errors import GridError, require
-from ogm_mcmc.sampling.gibbs_kernels import find_first_hits, sweep_cells
+from ogm_mcmc.sampling.first_hits import HitsBefore, first_hits
+from ogm_mcmc.sampling.gibbs_kernels import sweep_cells
 from ogm_mcmc.sampling.informed import arrival
 from ogm_mcmc.sampling.misfits import draw_lists, fitting_rays
 from ogm_mcmc.sampling.ray_index import RayIndex
@@ -22,7 +23,6 @@ __all__ = [
     'IndexedModel',
     'SweepInfo',
     'draw_cells',
-    'first_hits',
     'highest_probability',
     'start',
     'sweep',
@@ -55,13 +55,6 @@ class SweepInfo(NamedTuple):
 
 
 Draw = tuple[GibbsState, SweepInfo]
-
-
-def first_hits(cells: UInt8Array, index: RayIndex) -> AnyArray:
-    """Return the records (N, 4) int32 of a map (K,), see `ogm_mcmc.sampling.gibbs_kernels`."""
-    records = np.empty((index.n_rays, 4), np.int32)
-    find_first_hits(cells, records, records.view(np.float32), *index.arrays())
-    return records
 
 
 def draw_cells(
@@ -149,10 +142,10 @@ class CellModel(IndexedModel):
         even = (self.touched // width + self.touched % width) % 2 == 0
         self._checkered = np.concatenate((self.touched[even], self.touched[~even]))
 
-    def start(self, cells: UInt8Array) -> GibbsState:
+    def start(self, cells: UInt8Array, before: HitsBefore | None = None) -> GibbsState:
         """Return the state of a map (K,); cells that no ray crosses are set free.
 
-        Raises GridError when it is of another size.
+        What rays hit is kept from `before`. Raises GridError when it is of another size.
         """
         if cells.shape != (self.n_cells,):
             raise GridError(
@@ -160,7 +153,7 @@ class CellModel(IndexedModel):
             )
         mine = np.zeros(self.n_cells, np.uint8)
         mine[self.touched] = cells[self.touched] != 0
-        return GibbsState(mine, first_hits(mine, self.index))
+        return GibbsState(mine, first_hits(mine, self.index, before))
 
     def advance(
         self,

@@ -34,24 +34,15 @@ from ogm_mcmc.sampling.kernel_options import inlined, kernel
 from ogm_mcmc.sampling.ray_index_kernels import (
     FRONT,
     NEAR,
-    NOTHING,
     WIDTH,
     hit_behind,
-    likelihood_there,
     list_of,
     reaches_in_front,
     tile_of,
 )
 from ogm_mcmc.sampling.ray_line_kernels import (
-    BORDER,
     LEVEL,
-    LOW_32,
     SHAPE,
-    SLOPE,
-    START,
-    UNSEEN,
-    first_place,
-    next_occupied,
     place_of,
 )
 
@@ -67,35 +58,6 @@ UNTOLD = np.int32(-(2**31))
 # Counts are in parts of a map, so that probabilities can be counted, too.
 PARTS = 64
 NO_CHANCE = np.uint8(255)
-
-
-@kernel
-def find_first_hits(
-    cells, records, bits, marks, lists, full, gain, near, near_bits, front, tiles, runs,
-    run_lengths, rays, ray_bits, grid,
-):  # fmt: skip
-    """Fill the records from the map."""
-    marks, lists = borrowed(marks), borrowed(lists)
-    near, near_bits = borrowed(near), borrowed(near_bits)
-    cells, rays, ray_bits = borrowed(cells), borrowed(rays), borrowed(ray_bits)
-    width = grid[WIDTH]
-    for ray in range(records.shape[0]):
-        start, shape = rays[ray, START], rays[ray, SHAPE]
-        column, row = start & LOW_32, start >> 32
-        cell, place = row * width + column, first_place(start, shape)
-        if not cells[cell]:
-            cell, place = next_occupied(
-                rays[ray, BORDER], rays[ray, SLOPE], start, shape, column, row, width, cells
-            )
-        value = ray_bits[ray, UNSEEN]
-        if cell >= 0:
-            code = (ray << 2) | ((shape >> 48) & 3)
-            value = likelihood_there(
-                code, cell, place, marks, lists, near, near_bits, rays, ray_bits
-            )
-        records[ray, 0] = place if cell >= 0 else NOTHING
-        bits[ray, 1] = value
-        records[ray, 2] = UNTOLD
 
 
 @inlined

@@ -205,7 +205,8 @@ from numpy.random import Generator
 
 from ogm_mcmc.arrays import AnyArray, BoolArray, UInt8Array
 from ogm_mcmc.errors import GridError, WindowError, require
-from ogm_mcmc.sampling.cell_gibbs import GibbsState, IndexedModel, first_hits
+from ogm_mcmc.sampling.cell_gibbs import GibbsState, IndexedModel
+from ogm_mcmc.sampling.first_hits import HitsBefore, first_hits
 from ogm_mcmc.sampling.informed import near
 from ogm_mcmc.sampling.patch_gibbs_kernels import sweep_patches
 from ogm_mcmc.sampling.patch_patterns import ring_cells
@@ -296,8 +297,11 @@ class PatchModel(IndexedModel):
         """Return which cells (K,) rays tell of, and `telling` (N,): `known` of the next model."""
         return self.told, self.telling
 
-    def start(self, cells: UInt8Array) -> GibbsState:
-        """Return the state of a map (K,). Raises GridError when it is of another size."""
+    def start(self, cells: UInt8Array, before: HitsBefore | None = None) -> GibbsState:
+        """Return the state of a map (K,), what rays hit kept from `before`.
+
+        Raises GridError when it is of another size.
+        """
         if cells.shape != (self.n_cells,):
             raise GridError(
                 f'start map of {cells.size} cells: expected the {self.n_cells} of the window'
@@ -306,7 +310,7 @@ class PatchModel(IndexedModel):
         if self._surrounded:
             mine[:] = SURROUNDING
             mine[self.touched] = cells[self.touched] != 0
-        return GibbsState(mine, first_hits(mine, self.index))
+        return GibbsState(mine, first_hits(mine, self.index, before))
 
     def advance(
         self,

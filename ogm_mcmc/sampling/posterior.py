@@ -21,6 +21,7 @@ from ogm_mcmc.sampling.diagnostics import (
     later_mean,
     split_r_hat,
 )
+from ogm_mcmc.sampling.first_hits import HitsBefore
 from ogm_mcmc.sampling.gibbs_kernels import NO_CHANCE, PARTS, add_occupied
 
 __all__ = ['Estimate', 'Focus', 'PosteriorModel', 'PosteriorSampler']
@@ -61,8 +62,8 @@ class PosteriorModel(Protocol):
         """K, the cells of a map."""
         ...
 
-    def start(self, cells: UInt8Array) -> GibbsState:
-        """Return the state of a map (K,)."""
+    def start(self, cells: UInt8Array, before: HitsBefore | None = None) -> GibbsState:
+        """Return the state of a map (K,); what rays hit may be kept from another map."""
         ...
 
     def found(self) -> tuple[BoolArray, AnyArray] | None:
@@ -164,6 +165,8 @@ class PosteriorSampler:
     that they were drawn with is counted, not what was drawn; see the design note of
     `ogm_mcmc.sampling.patch_gibbs`.
 
+    `hits` of each chain are what rays hit first on a map of before, see `HitsBefore`.
+
     Sweeps of the burn-in are counted apart, for a map to show before there are others; see
     `present_estimate`. A result is `estimate`: of counted sweeps alone, as R-hat and errors are.
     """
@@ -179,6 +182,7 @@ class PosteriorSampler:
         seed: int | Sequence[int],
         burn_in: int,
         may_end: bool = False,
+        hits: Sequence[HitsBefore] = (),
     ) -> None:
         self.model = model
         self.burn_in = burn_in
@@ -187,7 +191,8 @@ class PosteriorSampler:
         self.sweeps = 0
         self.rngs = np.random.default_rng(seed).spawn(len(starts))
         with ThreadPoolExecutor(max(len(starts), 1)) as pool:
-            self.states = list(pool.map(model.start, starts))
+            before = [hits] if hits else []
+            self.states = list(pool.map(model.start, starts, *before))
         self.counts = [BatchCounts(model.touched.size) for _ in starts]
         # Sweeps of the burn-in, by chain, as long as a map is made of them.
         self.settling = [BatchCounts(model.touched.size) for _ in starts if burn_in > 0]

@@ -72,11 +72,11 @@ class Batch:
         self._scans, self._cast, self._joining = scans, cast, joining
         self._held: list[_Held] = []
         self._shared: list[Shared | None] = []
-        self._sizes: list[int] = []
+        self.sizes: list[int] = []  # beams of each scan
         self.n_beams = 0
         for scan in scans:
             rays = cast(scan)
-            self._sizes.append(rays.length.size)
+            self.sizes.append(rays.length.size)
             self.n_beams += rays.length.size
             if self.n_beams <= MOST_HELD:
                 self._held.append(_Held.of(rays))
@@ -90,17 +90,17 @@ class Batch:
     def rays(self, begin: int = 0, end: int | None = None) -> Iterator[BeamRays]:
         """Yield the new rays of each scan, or some: of its own beams, or lines alone."""
         for i in range(len(self._shared))[begin:end]:
-            if (rays := self._new_of(i)) is not None:
+            if (rays := self.new_of(i)) is not None:
                 yield rays
 
-    def more_said(self) -> Iterator[tuple[BeamRays, AnyArray]]:
-        """Yield beams that say more of rays, and the number of the ray of each.
+    def more_said(self) -> Iterator[tuple[int, BeamRays, AnyArray]]:
+        """Yield which scan says more of rays, its beams, and the number of the ray of each.
 
         Nobody asks for rays any more after this: they are no longer held then.
         """
         for i, shared in enumerate(self._shared):
             if shared is not None and shared.ray.size:
-                yield self._of(i), shared.ray
+                yield i, self._of(i), shared.ray
         self._held.clear()
 
     def parts(self, size: int) -> Iterator[Part]:
@@ -123,7 +123,7 @@ class Batch:
                     told[part].append(i)
         begin, first = 0, 0
         for end, last, scans in zip(cuts, ends, told, strict=True):
-            new = [rays for i in range(begin, end) if (rays := self._new_of(i)) is not None]
+            new = [rays for i in range(begin, end) if (rays := self.new_of(i)) is not None]
             yield Part(first, _together(new), scans)
             begin, first = end, int(last)
 
@@ -137,10 +137,10 @@ class Batch:
 
     def _n_new(self, i: int) -> int:
         shared = self._shared[i]
-        return self._sizes[i] if shared is None else int(shared.began.size)
+        return self.sizes[i] if shared is None else int(shared.began.size)
 
-    def _new_of(self, i: int) -> BeamRays | None:
-        """Return the rays that a scan adds, of its own beams or lines alone; None for none."""
+    def new_of(self, i: int) -> BeamRays | None:
+        """Return the rays that scan i adds, of its own beams or lines alone; None for none."""
         shared = self._shared[i]
         if shared is None:
             return self._of(i)

@@ -19,6 +19,7 @@ from ogm_mcmc.sampling.ray_index_kernels import (
     CELLS,
     FRONT,
     GRID_SIZE,
+    MOST_IN_TILE,
     NEAR,
     PAIRS,
     TILE_BITS,
@@ -31,7 +32,7 @@ from ogm_mcmc.sampling.ray_line_kernels import BORDER, START
 from ogm_mcmc.sampling.ray_merging_kernels import add_beams
 from ogm_mcmc.sensors.forward_model import ForwardModel
 
-__all__ = ['Said', 'assembled', 'extended']
+__all__ = ['Said', 'assembled', 'extended', 'marks_of', 'moved']
 
 FULL_FROM = 1.0
 """Nats: lists of cells that rays can lift by more than this are full."""
@@ -93,7 +94,7 @@ def extended(
             at += n
     listed = counts > 0
     listed[old_cells] = True
-    marks = _marks(listed)
+    marks = marks_of(listed)
     cells = np.flatnonzero(listed).astype(np.int32)
     where_old = np.searchsorted(cells, old_cells)
     more = counts[cells].astype(np.int64)
@@ -159,9 +160,10 @@ def _file_parts(
     gains = [index.gain, *(np.zeros_like(index.gain) for _ in parts[1:])]
     side_by_side(one, list(enumerate(gains)))
     for more in gains[1:]:
-        np.add(index.gain, more, out=index.gain)
+        exact = index.gain + more.astype(np.float64)
+        index.gain[:] = exact
         # A bound must not be rounded down.
-        np.nextafter(index.gain, np.float32(np.inf), out=index.gain, where=more > 0.0)
+        np.nextafter(index.gain, np.float32(np.inf), out=index.gain, where=index.gain < exact)
 
 
 def _with_more_said(
@@ -201,7 +203,7 @@ def assembled(
     listed = np.zeros(n_cells, np.bool_)
     listed[cells] = True
     index = nothing._replace(
-        rays=rays, marks=_marks(listed), lists=lists, full=(gain > FULL_FROM).astype(np.uint8),
+        rays=rays, marks=marks_of(listed), lists=lists, full=(gain > FULL_FROM).astype(np.uint8),
         gain=gain, near=near, tiles=np.zeros(up * across + 1, np.int32), grid=_grid(spec),
         crossed=np.zeros((n_cells + 7) // 8, np.uint8),
     )  # fmt: skip
@@ -233,7 +235,7 @@ def _at(values: AnyArray, where: AnyArray, size: int) -> AnyArray:
     return result
 
 
-def _marks(listed: BoolArray) -> AnyArray:
+def marks_of(listed: BoolArray) -> AnyArray:
     """Return bits of which cells have a list, and how many lists there are before each word."""
     words = (listed.size + 63) // 64
     marks = np.zeros((words, 2), np.uint64)
@@ -243,6 +245,19 @@ def _marks(listed: BoolArray) -> AnyArray:
     marks[:, 0] = packed.view(np.uint64)
     marks[1:, 1] = np.cumsum(np.bitwise_count(marks[:-1, 0]), dtype=np.uint64)
     return marks
+
+
+def moved(index: RayIndex, old: GridSpec, new: GridSpec) -> RayIndex:
+    """Return an index on another window, in which all its rays lie; uses up `index`."""
+    if old == new:
+        return index
+    listed, grid = np.zeros(new.width * new.height, np.bool_), _grid(new)
+    listed[_moved_cells(index.listed(), old, new)] = True
+    grid[[PAIRS, MOST_IN_TILE]] = index.grid[[PAIRS, MOST_IN_TILE]]
+    return index._replace(
+        rays=_moved_rays(index.rays, old, new), marks=marks_of(listed), grid=grid,
+        tiles=_moved_tiles(index.tiles, old, new), crossed=_moved_bits(index, old, new),
+    )  # fmt: skip
 
 
 def _moved_cells(cells: AnyArray, old: GridSpec, new: GridSpec) -> AnyArray:
@@ -262,20 +277,32 @@ def _moved_rays(rays: AnyArray, old: GridSpec, new: GridSpec) -> AnyArray:
 def _moved_bits(index: RayIndex, old: GridSpec, new: GridSpec) -> AnyArray:
     crossed = np.zeros((new.height, new.width), np.bool_)
     if index.n_rays:
-        crossed[new.slices(old.box)] = index.is_touched().reshape(old.height, old.width)
+        box = old.box.intersection(new.box)
+        touched = index.is_touched().reshape(old.height, old.width)
+        crossed[new.slices(box)] = touched[old.slices(box)]
     bits: AnyArray = np.packbits(crossed.reshape(-1), bitorder='little')
     return bits
 
 
 def _moved_tiles(tiles: AnyArray, old: GridSpec, new: GridSpec) -> AnyArray:
-    """Return where the runs of each tile begin in a larger window; tiles keep their order."""
+    """Return where the runs of each tile begin in another window; tiles keep their order."""
     shape, old_shape = _tile_shape(new), _tile_shape(old)
     up = (old.row0 >> TILE_BITS) - (new.row0 >> TILE_BITS)
     across = (old.column0 >> TILE_BITS) - (new.column0 >> TILE_BITS)
     counts = np.zeros(shape, np.int32)
     if tiles[-1]:
-        place = slice(up, up + old_shape[0]), slice(across, across + old_shape[1])
-        counts[place] = np.diff(tiles).reshape(old_shape)
-    moved = np.zeros(counts.size + 1, np.int32)
-    np.cumsum(counts, out=moved[1:])
-    return moved
+        rows, columns = (
+            _overlap(up, old_shape[0], shape[0]),
+            _overlap(across, old_shape[1], shape[1]),
+        )
+        here, there = zip(rows, columns, strict=True)
+        counts[there] = np.diff(tiles).reshape(old_shape)[here]
+    moved_tiles = np.zeros(counts.size + 1, np.int32)
+    np.cumsum(counts, out=moved_tiles[1:])
+    return moved_tiles
+
+
+def _overlap(shift: int, old: int, new: int) -> tuple[slice, slice]:
+    """Return which of `old` places in a row, moved by `shift`, are among `new` ones, and where."""
+    first, end = max(0, -shift), min(old, new - shift)
+    return slice(first, end), slice(first + shift, end + shift)

@@ -45,6 +45,10 @@ MOST_IN_CELL = 1.5
 
 LONGEST_RUN = 255
 
+# Nats: what a ray can add to a cell counts in whole ones of these. So sums in float32 are exact up
+# to 2**24 of them, and what was added can be taken away again without a rest.
+GRAIN_OF_GAIN = 2.0**-14
+
 # Nats: a ray tells something of a cell that makes a difference of more than this to it.
 TELLING = 0.5
 
@@ -59,10 +63,23 @@ def per_unit(direction):
 
 @njit(cache=True, nogil=True, inline='always')
 def sum_rounded_up(total, term):
-    """Add to a float32 that must not become less than the sum: a bound stays a bound."""
+    """Add to a float32 that must not become less than the sum: a bound stays a bound.
+
+    The term may be negative, the sum not.
+    """
     exact = np.float64(total) + term
     rounded = np.float32(exact)
     return rounded if rounded >= exact else np.float32(exact * (1.0 + 2.0**-23))
+
+
+@njit(cache=True, nogil=True, inline='always')
+def most_added(value, lowest):
+    """Return the most that a ray can add to a cell, nats, rounded up: see `GRAIN_OF_GAIN`.
+
+    value, lowest  its log-likelihood there, and the lowest of what lies behind
+    """
+    more = np.float64(value) - np.float64(lowest)
+    return np.ceil(more / GRAIN_OF_GAIN) * GRAIN_OF_GAIN if more > 0.0 else 0.0
 
 
 @njit(cache=True, nogil=True)
@@ -217,7 +234,7 @@ def file_near(
             if last < 0 and abs(value - unseen) > TELLING:
                 last = p
             if value > lowest:
-                gain[number] = sum_rounded_up(gain[number], np.float64(value) - lowest)
+                gain[number] = sum_rounded_up(gain[number], most_added(value, lowest))
             else:
                 lowest = value
         telling[ray] = 0

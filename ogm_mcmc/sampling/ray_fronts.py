@@ -12,7 +12,7 @@ from ogm_mcmc.sampling.ray_filing_kernels import fill_fronts, spread, walk_front
 from ogm_mcmc.sampling.ray_index import RayIndex
 from ogm_mcmc.sampling.ray_index_kernels import FRONT, MOST_IN_TILE, PAIRS
 
-__all__ = ['parts_of', 'with_fronts']
+__all__ = ['most_in_tile', 'parts_of', 'with_fronts']
 
 SHARED_FROM = 20_000
 """So many rays and more are entered by two threads, half of them each."""
@@ -87,7 +87,7 @@ def with_fronts(
         )  # fmt: skip
 
     side_by_side(enter, list(zip(walks, next_runs, next_fronts, strict=True)))
-    grid[MOST_IN_TILE] = _most_in_tile(after, run_lengths)
+    grid[MOST_IN_TILE] = most_in_tile(after, run_lengths)
     return index._replace(front=front, tiles=after, runs=runs, run_lengths=run_lengths)
 
 
@@ -140,7 +140,8 @@ def _last_runs(index: RayIndex) -> tuple[AnyArray, AnyArray]:
     return last, run
 
 
-def _most_in_tile(tiles: AnyArray, run_lengths: AnyArray) -> int:
+def most_in_tile(tiles: AnyArray, run_lengths: AnyArray) -> int:
+    """Return how many rays the fullest tile has."""
     some, most = np.flatnonzero(np.diff(tiles)), 0
     for at in range(0, some.size, TILES_AT_ONCE):
         begins = tiles[some[at : at + TILES_AT_ONCE]]

@@ -28,12 +28,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ogm_mcmc.arrays import AnyArray, Float64Array
-from ogm_mcmc.geometry import PlacedScan
+from ogm_mcmc.geometry import PlacedScan, Pose2D
 from ogm_mcmc.sampling.beam_rays import BeamRays, most_cells
 from ogm_mcmc.sampling.ray_merging_kernels import nearest_of
 from ogm_mcmc.sensors.forward_model import ForwardModel
 
-__all__ = ['Joining', 'Lines', 'Places', 'Shared']
+__all__ = ['Joining', 'Lines', 'Places', 'Pose', 'Shared', 'numbers_of']
 
 Pose = tuple[float, float, float]
 
@@ -52,12 +52,20 @@ class Lines(NamedTuple):
     cells: AnyArray
     ray: AnyArray
 
+    def numbered(self, number: AnyArray) -> Lines:
+        """Return the same lines, ray n under `number[n]`."""
+        return self._replace(ray=number[self.ray])
+
 
 class Alone(NamedTuple):
     """The only scan of its place so far; its beams are the rays from `first_ray` on."""
 
     scan: PlacedScan
     first_ray: int
+
+    def numbered(self, number: AnyArray) -> Alone:
+        """Return the same scan, ray n under `number[n]`."""
+        return self._replace(first_ray=int(number[self.first_ray]))
 
 
 Places = dict[Pose, Alone | Lines]
@@ -89,7 +97,7 @@ class Joining:
     ) -> None:
         self._known, self._cast, self._model = places, cast, model
         self._resolution_m = resolution_m
-        self._times = Counter(map(_pose_of, scans))
+        self._times = Counter(numbers_of(scan.pose) for scan in scans)
         self._n_before = n_rays
         self._extents: Float64Array | None = None
         self.n_rays = n_rays
@@ -97,7 +105,7 @@ class Joining:
 
     def take(self, scan: PlacedScan, rays: BeamRays) -> Shared | None:
         """Return which rays the beams of a scan are, None for one each, new and in order."""
-        pose = _pose_of(scan)
+        pose = numbers_of(scan.pose)
         if self._times[pose] == 1 and pose not in self._known:
             self.places[pose] = Alone(scan, self.n_rays)
             self.n_rays += rays.length.size
@@ -206,6 +214,6 @@ def _sorted(lines: Lines) -> Lines:
     return Lines(*(array[order] for array in lines))
 
 
-def _pose_of(scan: PlacedScan) -> Pose:
-    pose = scan.pose
+def numbers_of(pose: Pose2D) -> Pose:
+    """Return the numbers of a pose, which name a place."""
     return pose.x_m, pose.y_m, pose.yaw_rad

@@ -7,12 +7,14 @@ from ogm_mcmc.geometry.traversal_kernels import PLAN_SIZE, plan_ray
 from ogm_mcmc.sampling.ray_filing_kernels import (
     TELLING,
     longest_ray,
+    most_added,
     near_cells,
     near_from,
     sum_rounded_up,
 )
 from ogm_mcmc.sampling.ray_index_kernels import WIDTH, list_of, near_entry
 from ogm_mcmc.sampling.ray_line_kernels import (
+    LOW_16,
     RAY_WORDS,
     SHAPE,
     START,
@@ -44,7 +46,7 @@ def add_beams(
 
     numbers  (n,) int64: the ray of each beam, near to all cells that the beam is near to
     All of a beam counts from its level, and the levels (nats) are what is returned: sums of
-    many beams stay exact where they differ. Adds to `gain` and `telling` as `file_near` does.
+    many beams stay exact where they differ. `gain` and `telling` become those of the sums.
     """
     near_bits, ray_bits = near.view(np.float32), rays.view(np.float32)
     plan, own = np.empty(PLAN_SIZE, np.int64), np.empty(RAY_WORDS, np.int64)
@@ -69,15 +71,22 @@ def add_beams(
         start, shape = rays[ray, START], rays[ray, SHAPE]
         first, behind = first_place(start, shape), places_of(own[SHAPE])
         code = np.int32((ray << 2) | ((shape >> 48) & 3))
+        # All near cells of the ray: what lies behind those in front of the beam's changes, too.
+        steps = ((shape >> 32) & LOW_16) - 2
+        begins = steps / (abs(beams.ux[n]) + abs(beams.uy[n])) * resolution
         count = near_cells(
-            beams, n, rays[ray], nearest, resolution, model.depth, columns, rows, distances
-        )
-        lowest, before = unseen, ray_bits[ray, UNSEEN]
+            beams, n, rays[ray], min(nearest, begins), resolution, model.depth, columns, rows,
+            distances,
+        )  # fmt: skip
+        before = ray_bits[ray, UNSEEN]
         after = np.float32(before + (unseen - np.float32(level)))
         ray_bits[ray, UNSEEN] = after
-        tells = 0
+        tells, last = 0, 0
         for p in range(count - 1, -1, -1):
             place = np.int64(place_of(code, columns[p], rows[p])) - first
+            if place < steps + 2:
+                break
+            last = p
             value = unseen
             if place < behind:
                 value = np.float32(level)
@@ -90,16 +99,14 @@ def add_beams(
             old = near_bits[entry, 1]
             new = np.float32(old + (value - np.float32(level)))
             near_bits[entry, 1] = new
-            # What the beam alone can add bounds what the sum can add more, but for rounding.
-            adds = np.float64(value) - lowest
-            adds = max(adds, (np.float64(new) - after) - max(np.float64(old) - before, 0.0))
-            if adds > 0.0:
+            adds = most_added(new, after) - most_added(old, before)
+            if adds != 0.0:
                 gain[number] = sum_rounded_up(gain[number], adds)
-            lowest, before, after = min(lowest, value), min(before, old), min(after, new)
+            before, after = min(before, old), min(after, new)
         if abs(np.float32(level) - unseen) > TELLING:
             in_front = behind
             if count > 0:
-                in_front = np.int64(place_of(code, columns[0], rows[0])) - first
+                in_front = np.int64(place_of(code, columns[last], rows[last])) - first
             tells = max(tells, min(in_front, behind))
         telling[ray] = max(telling[ray], tells)
         levels += np.float64(np.float32(level))

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ogm_mcmc.arrays import AnyArray, BoolArray
 from ogm_mcmc.config import ForwardModelConfig, WindowConfig
 from ogm_mcmc.errors import WindowError
 from ogm_mcmc.geometry import CellBox, GridSpec, PlacedScan
@@ -19,52 +20,35 @@ from ogm_mcmc.sampling.beam_rays import (
     rays_of_scan,
 )
 from ogm_mcmc.sampling.ray_batch import Batch, in_blocks
+from ogm_mcmc.sampling.ray_dropping import without
 from ogm_mcmc.sampling.ray_filing import Said, extended
 from ogm_mcmc.sampling.ray_fronts import parts_of
 from ogm_mcmc.sampling.ray_index import empty_index
 from ogm_mcmc.sampling.ray_merging import Joining, Places
 from ogm_mcmc.sampling.ray_stands import Stands, settled
+from ogm_mcmc.sampling.window_scans import NOTHING, WindowScans, WindowSize
 from ogm_mcmc.sensors.forward_model import ForwardModel
 
-__all__ = ['RayWindow', 'WindowSize']
+__all__ = ['Dropped', 'RayWindow']
 
 
-class WindowSize(NamedTuple):
-    """Rays, the most pairs of a ray and a cell, a box around all cells, pairs that are near."""
+class Dropped(NamedTuple):
+    """What `RayWindow.drop` did: scans to add again, and which rays (N,) stayed.
 
-    rays: int
-    pairs: int
-    box: CellBox
-    near: int = 0
+    untold  cells (height, width) of the window then, `spec`, that no ray tells of any more
+    """
 
-    def with_more(self, other: WindowSize) -> WindowSize:
-        """Return the size of a window of both."""
-        return WindowSize(
-            self.rays + other.rays,
-            self.pairs + other.pairs,
-            self.box.union(other.box),
-            self.near + other.near,
-        )
-
-    def without(self, other: WindowSize, box: CellBox) -> WindowSize:
-        """Return the size of a window without a part of it; `box` is around the others."""
-        return WindowSize(
-            self.rays - other.rays, self.pairs - other.pairs, box, self.near - other.near
-        )
-
-    @property
-    def n_bytes(self) -> int:
-        """Memory that an index of this size takes, about; measured windows took less."""
-        lists = 13 * min(self.near, self.box.n_cells)
-        in_front = self.pairs - self.near
-        return 40 * self.rays + 8 * self.near + lists + in_front + self.box.n_cells // 2
+    again: list[PlacedScan]
+    staying: BoolArray
+    spec: GridSpec
+    untold: BoolArray
 
 
 class RayWindow:
-    """Recorded scans as an index of rays that can grow.
+    """Recorded scans as an index of rays that can grow, and drop scans.
 
-    Adding scans changes the arrays of `index` in place and replaces the tuple: whoever samples
-    from an index must stop before more is added.
+    Adding and dropping scans changes the arrays of `index` in place and replaces the tuple:
+    whoever samples from an index must stop before.
 
     With `limits`, a box of lattice cells, the window is that box. A beam that leaves it says that
     nothing is on its way up to there, like one that is longer than the sensor reaches; sensors
@@ -92,10 +76,13 @@ class RayWindow:
         self.spec = GridSpec(config.resolution, 1, 1)
         self.index = empty_index()
         self.n_beams = 0  # of all rays
-        self._size = WindowSize(0, 0, CellBox(0, 0, 0, 0))
+        self._size = NOTHING
         self._merge = merge
         self._places: Places = {}
         self._stands: Stands = {}
+        self._scans = WindowScans()
+        # Rays that the last scans said more of, of those that were there before.
+        self.said_more: AnyArray = np.empty(0, np.int64)
 
     @property
     def n_merged(self) -> int:
@@ -111,16 +98,22 @@ class RayWindow:
         passed; nothing has changed then. `make_room` is called when neither is so, before memory
         is taken.
         """
-        scans, stands = list(placed), Stands()
+        new, stands = list(placed), Stands()
+        scans = new
         if self._merge:
-            scans, stands = settled(scans, self._stands, self.config)
+            scans, stands = settled(new, self._stands, self.config)
         joining = self._joining(scans)
         batch = Batch(scans, self._cast, joining)
+        self.said_more = np.empty(0, np.int64)
         if batch.n_beams == 0:
+            nothing = [0.0] * len(new)
+            self._scans.add(new, scans, [NOTHING] * len(new), batch.sizes, nothing)
             return 0
-        more = WindowSize(0, 0, CellBox(0, 0, 0, 0))
-        for rays in batch.rays():
-            more = more.with_more(self._size_of(rays))
+        sizes, more = [], NOTHING
+        for i in range(len(scans)):
+            rays = batch.new_of(i)
+            sizes.append(NOTHING if rays is None else self._size_of(rays))
+            more = more.with_more(sizes[-1])
         size = self._size.with_more(more)
         spec = self.spec.windowed(size.box if self.limits is None else self.limits)
         self._check_memory(size._replace(box=spec.box))
@@ -132,6 +125,16 @@ class RayWindow:
         def blocks(part: Callable[[], Iterator[BeamRays]]) -> Iterator[BeamRays]:
             return map(here, in_blocks(part()))
 
+        left_out, said_more = [0.0] * len(new), [np.empty(0, np.int64)]
+        total, n_before = self.index.left_out, self.index.n_rays
+
+        def said() -> Iterator[Said]:
+            for i, rays, numbers in batch.more_said():
+                before = float(total[0])
+                yield Said(here(rays), numbers)
+                left_out[i] = float(total[0]) - before
+                said_more.append(numbers[numbers < n_before])
+
         self.index = extended(
             self.index,
             self.spec,
@@ -139,14 +142,32 @@ class RayWindow:
             [partial(blocks, part) for part in batch.shares(parts_of(more.rays))],
             more.rays,
             self.model,
-            lambda: (Said(here(rays), numbers) for rays, numbers in batch.more_said()),
+            said,
         )
         self.spec, self._size = spec, size
         self.n_beams += batch.n_beams
+        self.said_more = np.unique(np.concatenate(said_more))
         if joining is not None:
             self._places.update(joining.places)
             self._stands.update(stands)
+        self._scans.add(new, scans, sizes, batch.sizes, left_out)
         return batch.n_beams
+
+    def drop(self, gone: Iterable[PlacedScan]) -> Dropped:
+        """Take scans out, in place, as if they had never come; only of a window that merges.
+
+        Where scans share rays all of them go: those that stay have to be added again. Raises
+        KeyError, with nothing changed, for a scan that is not of the window.
+        """
+        leaving = self._scans.leave(gone, self._places, self._stands, self.index.n_rays)
+        box = leaving.size.box if self.limits is None else self.limits
+        spec = self.spec if box.empty else self.spec.windowed(box)
+        thinned = without(self.index, leaving.staying, self.spec, spec)
+        self.index, self.spec, self._size = thinned.rays, spec, leaving.size
+        self.index.left_out[0] = leaving.left_out
+        self.n_beams -= leaving.beams
+        self.said_more = np.empty(0, np.int64)
+        return Dropped(leaving.again, leaving.staying, spec, thinned.untold)
 
     def _joining(self, scans: Sequence[PlacedScan]) -> Joining | None:
         if not self._merge:
@@ -171,14 +192,14 @@ class RayWindow:
 
     def sum_of_sizes(self, scans: Sequence[PlacedScan]) -> WindowSize:
         """Return what scans add at most to a window; raises GridError for a ray too long."""
-        size = WindowSize(0, 0, CellBox(0, 0, 0, 0))
+        size = NOTHING
         for scan in scans:
             size = size.with_more(self._size_of(self._cast(scan)))
         return size
 
     def _size_of(self, rays: BeamRays) -> WindowSize:
         if rays.length.size == 0:
-            return WindowSize(0, 0, CellBox(0, 0, 0, 0))
+            return NOTHING
         cells = most_cells(rays)
         near = np.minimum(cells, most_near_cells(rays, self.model, self.config.resolution))
         box = self._box_around(rays)

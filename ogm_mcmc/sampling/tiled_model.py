@@ -13,6 +13,7 @@ from numpy.random import Generator
 from ogm_mcmc.arrays import AnyArray, BoolArray, Float32Array, UInt8Array
 from ogm_mcmc.errors import GridError, WindowError
 from ogm_mcmc.sampling.cell_gibbs import GibbsState
+from ogm_mcmc.sampling.first_hits import HitsBefore
 from ogm_mcmc.sampling.informed import near
 from ogm_mcmc.sampling.patch_gibbs import (
     SETTLED_WHOLE_SHARE,
@@ -104,9 +105,10 @@ class TiledModel:
         """Return None: tiles are held anew when scans come in."""
         return None
 
-    def start(self, cells: UInt8Array) -> GibbsState:
+    def start(self, cells: UInt8Array, before: HitsBefore | None = None) -> GibbsState:
         """Return the state of a map (K,); cells that are not sampled are set as in whole windows.
 
+        What rays hit is looked for in the tiles, whatever was known `before`.
         Raises GridError when it is of another size.
         """
         if cells.shape != (self.n_cells,):

@@ -39,7 +39,7 @@ from ogm_mcmc.config import ChainConfig, ForwardModelConfig, WindowConfig
 from ogm_mcmc.errors import WindowError, require
 from ogm_mcmc.geometry import CellBox, GridSpec, PlacedScan, Scan
 from ogm_mcmc.sampling import CellModel, RayWindow, WindowSize
-from ogm_mcmc.sampling.cell_gibbs import first_hits
+from ogm_mcmc.sampling.first_hits import first_hits
 from ogm_mcmc.trajectory.factors import PoseFactors
 from ogm_mcmc.trajectory.points import poses_of, wrapped
 

@@ -14,7 +14,7 @@ from ogm_mcmc.errors import ConfigError, GridError
 from ogm_mcmc.geometry import PlacedScan, Pose2D
 from ogm_mcmc.sampling import CellModel, PosteriorSampler, RayWindow, sweep
 from ogm_mcmc.sampling.cell_gibbs import ORDERS, start
-from ogm_mcmc.sampling.gibbs_kernels import find_first_hits
+from ogm_mcmc.sampling.first_hit_kernels import find_first_hits
 
 approx = pytest.approx
 

@@ -13,11 +13,11 @@ from support.tiny_problems import cell_numbers, tiny_problems
 
 from ogm_mcmc.sampling import CellModel
 from ogm_mcmc.sampling.cell_gibbs import draw_cells
+from ogm_mcmc.sampling.first_hit_kernels import find_first_hits
 from ogm_mcmc.sampling.gibbs_kernels import (
     NO_CHANCE,
     PARTS,
     add_occupied,
-    find_first_hits,
     sweep_cells,
 )
 from ogm_mcmc.sampling.ray_index_kernels import NOTHING

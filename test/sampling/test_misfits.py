@@ -13,7 +13,8 @@ from support.tiny_problems import tiny_problems
 from ogm_mcmc.config import ForwardModelConfig, WindowConfig
 from ogm_mcmc.geometry import PlacedScan, Pose2D
 from ogm_mcmc.sampling import CellModel, RayWindow
-from ogm_mcmc.sampling.cell_gibbs import draw_cells, first_hits
+from ogm_mcmc.sampling.cell_gibbs import draw_cells
+from ogm_mcmc.sampling.first_hits import first_hits
 from ogm_mcmc.sampling.misfit_kernels import MOST_MISSED
 from ogm_mcmc.sampling.misfits import fitting_rays
 from ogm_mcmc.sampling.ray_index_kernels import WIDTH

@@ -63,8 +63,8 @@ def test_the_most_rays_in_a_tile_do_not_depend_on_how_many_are_summed_at_once(mo
     expected = max(int(lengths[a:b].sum()) for a, b in pairwise(tiles))
     for at_once in (1, 2, 7, 1000):
         monkeypatch.setattr(ray_fronts, 'TILES_AT_ONCE', at_once)
-        assert ray_fronts._most_in_tile(tiles, lengths) == expected
-    assert ray_fronts._most_in_tile(np.zeros(3, np.int32), lengths[:0]) == 0
+        assert ray_fronts.most_in_tile(tiles, lengths) == expected
+    assert ray_fronts.most_in_tile(np.zeros(3, np.int32), lengths[:0]) == 0
 
 
 def test_an_index_in_pieces_needs_no_more_than_one_at_once():

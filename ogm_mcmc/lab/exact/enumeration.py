@@ -9,7 +9,7 @@ import numpy as np
 from ogm_mcmc.arrays import AnyArray, Float64Array
 from ogm_mcmc.errors import WindowError
 from ogm_mcmc.lab.exact.enumeration_kernels import fill_log_joint
-from ogm_mcmc.sampling.cell_gibbs import first_hits
+from ogm_mcmc.sampling.first_hits import first_hits
 from ogm_mcmc.sampling.ray_index import RayIndex
 
 __all__ = ['MAX_CELLS', 'Enumeration', 'enumerate_maps']
