@@ -34,9 +34,12 @@ from ogm_mcmc.lab.experiments.localization_logs import (
     LIDAR,
     LOGS,
     MOST_SCANS,
+    RECORDED,
     Log,
+    Poses,
     check_data,
     log_of,
+    reference_of,
 )
 from ogm_mcmc.lab.experiments.localization_maps import (
     BURN_IN,
@@ -89,6 +92,7 @@ def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
     """Five runs of five logs at four shares of beams; quick: two of a building at two shares."""
     logs, shares, runs = (LOGS[2:3], SHARES[1::2], 2) if quick else (LOGS, SHARES, RUNS)
     check_data(logs)  # what is missing is said before hours have gone by
+    references = _references(folder, [log for log in logs if log in RECORDED], seed)
     results = run_all(
         folder / 'datasets',
         score,
@@ -98,6 +102,7 @@ def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
                 'share': share,
                 'number': number,
                 'seed': seed,
+                **references.get(log, {}),
             }
             for number in range(1, runs + 1)
             for log in logs
@@ -145,9 +150,28 @@ def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
     return {'rows': rows, 'pictures': pictures, 'settings': settings, 'notes': NOTES}
 
 
-def score(log: str, share: float, number: int, seed: int) -> dict[str, Any]:
-    """Map half of a log with a share of its beams and localize the other half in every way."""
-    taken = log_of(log, seed)
+def _references(folder: Path, logs: Sequence[str], seed: int) -> dict[str, dict[str, Poses]]:
+    """Return the argument `reference` of each recorded log: its joint poses, estimated once."""
+    if not logs:
+        return {}
+    found = run_all(
+        folder / 'datasets',
+        reference_of,
+        {f'reference_{log}': {'log': log, 'seed': seed} for log in logs},
+        title='joint poses',
+        depends_on={'poses': flatten(TrajectoryConfig())},
+    )
+    return {log: {'reference': found[f'reference_{log}']['poses']} for log in logs}
+
+
+def score(
+    log: str, share: float, number: int, seed: int, reference: Poses | None = None
+) -> dict[str, Any]:
+    """Map half of a log with a share of its beams and localize the other half in every way.
+
+    `reference`: the joint poses of a recorded log, see `log_of`.
+    """
+    taken = log_of(log, seed, reference)
     rng = np.random.default_rng((seed, number, round(1000 * share)))
     placed = some_beams(taken.placed(slice(0, None, 2)), share, rng)
     maps = maps_of(placed, taken.resolution_m, seed + number)

@@ -2,7 +2,8 @@
 
 `intel` has the odometry of its own wheels, `freiburg` none that is raw: there, and in the
 generated buildings, it is simulated. Recorded logs are judged by joint poses of all their scans
-(`ogm_mcmc.trajectory`), buildings by the truth.
+(`ogm_mcmc.trajectory`), buildings by the truth. Joint poses take a minute or two: they are
+estimated once (`reference_of`) for all runs of a log.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -36,9 +37,13 @@ from ogm_mcmc.simulation import (
 from ogm_mcmc.trajectory import TrajectoryRefinement
 from ogm_mcmc.trajectory.points import poses_of, xyyaw
 
-__all__ = ['LOGS', 'Log', 'check_data', 'log_of']
+__all__ = ['LOGS', 'RECORDED', 'Log', 'check_data', 'log_of', 'reference_of']
 
 LOGS = ('building-1', 'building-5', 'building-9', 'freiburg', 'intel')
+RECORDED = ('freiburg', 'intel')
+
+# Poses x, y, yaw (K, 3), as JSON has them.
+Poses = Sequence[Sequence[float]]
 
 # What Intel's wheels do: 0.06 rad a metre to one side, twice that scatter on the way.
 INTEL_WHEELS = OdometryNoise(turn_per_rad=0.1, turn_per_m=0.06, way_per_m=0.06, way_per_rad=0.06)
@@ -68,14 +73,29 @@ class Log(NamedTuple):
         return [PlacedScan.at(scan, pose) for scan, pose in pairs]
 
 
+def log_of(name: str, seed: int, reference: Poses | None = None) -> Log:
+    """Return a log of `LOGS`, or of any building. Raises ConfigError without its data.
+
+    `reference`: what `reference_of` told of a recorded one; without it, it is estimated here.
+    """
+    return _log_of(name, seed, None if reference is None else tuple(map(tuple, reference)))
+
+
 @lru_cache(maxsize=len(LOGS))
-def log_of(name: str, seed: int) -> Log:
-    """Return a log of `LOGS`, or of any building. Raises ConfigError without its data."""
+def _log_of(name: str, seed: int, reference: tuple[tuple[float, ...], ...] | None) -> Log:
+    if name not in RECORDED:
+        return _building(int(name.removeprefix('building-')), seed)
+    scans, given = _recorded(name)
+    poses = _joint(scans, given, seed) if reference is None else np.array(reference)
     if name == 'intel':
-        return _intel(seed)
-    if name == 'freiburg':
-        return _freiburg(seed)
-    return _building(int(name.removeprefix('building-')), seed)
+        told = read_stamps(intel_folder())[:, 2:5]
+        return Log(scans, poses, told, INTEL_WHEELS, 0.05)
+    return Log(scans, poses, _wheels(poses, seed), OdometryNoise(), 0.05)
+
+
+def reference_of(log: str, seed: int) -> dict[str, Any]:
+    """Return the joint poses (K, 3) of all scans of a recorded log, as lists: `poses`."""
+    return {'poses': _joint(*_recorded(log), seed).tolist()}
 
 
 def check_data(names: Sequence[str]) -> None:
@@ -91,19 +111,14 @@ def _freiburg_file() -> Path:
     return data_folder(FREIBURG, expected) / FREIBURG
 
 
-def _intel(seed: int) -> Log:
-    folder = intel_folder()
-    recorded = read_recorded(folder)
-    scans = [_silent(recorded.scans[k]) for k in recorded.order]
-    reference = _joint(scans, recorded.given[recorded.order], seed)
-    return Log(scans, reference, read_stamps(folder)[:, 2:5], INTEL_WHEELS, 0.05)
-
-
-def _freiburg(seed: int) -> Log:
+def _recorded(name: str) -> tuple[list[Scan], Float64Array]:
+    """Return the scans of a recorded log and the poses (K, 3) that came with them."""
+    if name == 'intel':
+        recorded = read_recorded(intel_folder())
+        scans = [_silent(recorded.scans[k]) for k in recorded.order]
+        return scans, recorded.given[recorded.order]
     logged = read_carmen(_freiburg_file()).scans
-    scans = [_silent(as_scan(one)) for one in logged]
-    reference = _joint(scans, xyyaw([one.laser_pose for one in logged]), seed)
-    return Log(scans, reference, _wheels(reference, seed), OdometryNoise(), 0.05)
+    return [_silent(as_scan(one)) for one in logged], xyyaw([one.laser_pose for one in logged])
 
 
 def _silent(scan: Scan) -> Scan:

@@ -107,7 +107,7 @@ def test_a_reader_that_is_always_lost_has_no_error(room):
 def test_every_reader_is_scored(room, monkeypatch):
     _, log = room
     few = replace(localization.TRACKING, particles=60)
-    monkeypatch.setattr(localization, 'log_of', lambda name, seed: log)
+    monkeypatch.setattr(localization, 'log_of', lambda name, seed, reference: log)
     monkeypatch.setattr(localization, 'TRACKING', few)
     monkeypatch.setattr(localization, 'SEARCHING', replace(few, spread_m=1.0, spread_rad=0.5))
     monkeypatch.setattr(localization, 'TRIALS', 2)
@@ -203,3 +203,35 @@ def test_rows_say_what_each_reader_came_to(tmp_path, monkeypatch):
     expected = '+- 0.050; 1.00 +- 0.00 degrees; lost 0.50 +- 0.50; found 0.25 +- 0.00'
     assert line['remark'] == expected
     assert all((tmp_path / name).exists() for name in result['pictures'])
+
+
+def test_joint_poses_of_a_log_are_estimated_once_for_all_runs(tmp_path, monkeypatch):
+    """Parts of recorded logs get them, others do not: their truth is known."""
+    asked = []
+
+    def pretended(folder, work, datasets, **_):
+        asked.append((work, datasets))
+        return {name: {'poses': [[0.5, 1.0, 2.0]]} for name in datasets}
+
+    monkeypatch.setattr(localization, 'run_all', pretended)
+    monkeypatch.setattr(localization, 'check_data', lambda _: None)
+    monkeypatch.setattr(localization, '_row', lambda *_: {})
+    monkeypatch.setattr(localization, '_draw', lambda *_: {})
+    localization.run(tmp_path, quick=False, seed=1)
+    (first, references), (second, parts) = asked
+    assert (first, second) == (localization_logs.reference_of, localization.score)
+    assert [one['log'] for one in references.values()] == list(localization_logs.RECORDED)
+    for one in parts.values():
+        told = {'reference': [[0.5, 1.0, 2.0]]} if one['log'] in ('intel', 'freiburg') else {}
+        assert one.get('reference') == told.get('reference')
+
+
+def test_a_recorded_log_stands_at_the_poses_it_is_told(room, monkeypatch):
+    _, log = room
+    monkeypatch.setattr(localization_logs, '_recorded', lambda _: (log.scans, log.reference))
+    monkeypatch.setattr(localization_logs, '_joint', lambda *_: pytest.fail('estimated again'))
+    told = (log.reference + 0.25).tolist()
+    held = log_of('freiburg', 1, told)
+    assert np.array_equal(held.reference, log.reference + 0.25)
+    assert np.array_equal(held.odometry[0], held.reference[0])
+    assert log_of('freiburg', 1, told) is held
