@@ -10,7 +10,7 @@ import numpy as np
 from ogm_mcmc.arrays import Float64Array
 from ogm_mcmc.cli.evaluate_answer import Answer
 from ogm_mcmc.config import CollisionConfig, flatten
-from ogm_mcmc.engine.collision import collision_risk
+from ogm_mcmc.engine.collision import BEHIND, chance_of_unknown, collision_risk
 from ogm_mcmc.files.input_files import text_of
 from ogm_mcmc.geometry import SampleBits
 from ogm_mcmc.io.point_files import read_points
@@ -46,15 +46,19 @@ def along_path(
 ) -> Answer:
     """Say how likely a disc meets something at each place of a way, and on the whole way.
 
-    As `refine_server` does: cells that data did not move count as unknown, with the prior that
-    the file of samples names; `unknown` where it names none, or the user `told` it.
+    As `refine_server` does: cells that data did not move count as unknown, with a chance by the
+    prior that the file of samples names, or `unknown` where it names none, and by what is known;
+    with `unknown` itself where the user `told` it.
     """
     places = read_way(options.path)
     samples = load_samples(options.samples, options.max_cells)
     bits = SampleBits.of_maps(samples.spec, samples.maps, samples.known)
-    if samples.prior is not None and not told:
-        unknown = samples.prior
-    risk = collision_risk(bits, places, config.robot_radius, unknown)
+    if told:
+        behind = unknown
+    else:
+        prior = unknown if samples.prior is None else samples.prior
+        unknown, behind = chance_of_unknown(bits, prior), BEHIND
+    risk = collision_risk(bits, places, config.robot_radius, unknown, behind)
     figures = {
         'file': str(options.path),
         'samples': {'file': str(options.samples), 'maps': bits.draws},

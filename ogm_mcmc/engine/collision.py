@@ -16,12 +16,24 @@ walls and furniture, not in cells. Of ways that were free where the map knows, 0
 up to 8 unknown cells of 0.1 m, 0.06 by 9 to 16, 0.2 by 17 to 32, 0.5 by more. A disc that stands
 in unknown space alone is one chance at least: 0.2 to 0.5 of the ways that end so are blocked.
 
-Consequence. The error over all ways of the buildings it was chosen by is 0.008 to 0.020 (before:
-0.009 to 0.031); of others, sparser too, 0.006 to 0.032 (docs/results.md, collisions). Best for
-single buildings would be 0.25 m2 (cluttered) to 1.1 (halls). Single places in unknown space behind
-a wall are more often solid (0.45 to 0.8) than is said, 0.31: they err by 0.015 to 0.05. Smoothed
-shares instead of hits of 64 samples were not needed: where all is known the error of ways is 0.006
-to 0.027.
+Consequence. Best for single buildings would be 0.25 m2 (cluttered) to 1.1 (halls), see below.
+Smoothed shares instead of hits of 64 samples were not needed.
+
+Design note: what known space tells of the unknown
+--------------------------------------------------
+Context. With one chance for all buildings, the prior of a cell (0.31), sparse halls were still
+called blocked too often where they are unknown (0.032 over all ways, 0.07 over those), and single
+places in unknown space too seldom: 0.45 to 0.8 of those behind walls are solid.
+
+Decision. A chance lies between the prior and what known space shows, the share of its tiles of
+`LUMP_M2` in which something is occupied: their geometric mean (`chance_of_unknown`). The best
+single chance of ten maps of buildings 1, 3, 7, 9, 10 goes from 0.13 to 0.37 along with that share
+(0.1 to 0.42). At a place to which the way is blocked already in a sample, a chance is `BEHIND`
+there: 0.5 to 0.85 of the discs in unknown space behind walls are solid, 0.25 to 0.4 of those that
+the way leads to freely. A way is not asked that: it is blocked there anyhow.
+
+Consequence. Chosen on buildings 1, 3, 7, 10 and judged on 2, 4, 5, 6, 8, 9: docs/results.md,
+collisions. The share alone errs more in cluttered buildings, the arithmetic mean more in halls.
 
 One word holds a cell's value in 64 samples (`SampleBits`), so that one pass over the cells of a
 way asks all.
@@ -29,33 +41,50 @@ way asks all.
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 
 from ogm_mcmc.arrays import Float64Array
-from ogm_mcmc.engine.collision_kernels import way_risk
+from ogm_mcmc.engine.collision_kernels import built_up, way_risk
 from ogm_mcmc.errors import ConfigError, PoseError
 from ogm_mcmc.geometry import SampleBits
 
-__all__ = ['LUMP_M2', 'collision_risk']
+__all__ = ['BEHIND', 'LUMP_M2', 'chance_of_unknown', 'collision_risk']
 
 # So much unknown space, m2, is one chance to meet something.
 LUMP_M2 = 0.6
+
+# That chance at a place which the way comes to through something occupied.
+BEHIND = 0.6
 
 # Beyond, a float no longer says which cell a place lies in, and soon no integer does.
 FURTHEST_CELLS = 1e15
 
 
+def chance_of_unknown(samples: SampleBits, prior: float) -> float:
+    """Return how likely something is met in `LUMP_M2` of unknown space, by what known space shows.
+
+    The geometric mean of the prior of a cell and the share of known tiles of that size in which
+    a sample has something occupied; with few tiles the prior counts as one more.
+    """
+    side = max(1, round(math.sqrt(LUMP_M2) / samples.spec.resolution_m))
+    occupied, tiles = built_up(samples.words, samples.known, side)
+    share = (occupied / samples.draws + prior) / (tiles + 1)
+    return math.sqrt(share * prior)
+
+
 def collision_risk(
-    samples: SampleBits, places: Any, radius_m: float, unknown: float
+    samples: SampleBits, places: Any, radius_m: float, unknown: float, behind: float = BEHIND
 ) -> Float64Array:
     """Return (N + 1,): how likely a disc meets something at each place, and on the whole way.
 
     places  (N, 2), m: x and y; the way goes straight from each to the next
     A cell that any point of the disc lies in counts. Of cells that were not sampled, or lie
     outside of the map, nothing is known: each `LUMP_M2` of them, or a disc full if that is less,
-    is one chance, `unknown`, to be blocked, beside what the samples say.
+    is one chance, `unknown` (see `chance_of_unknown`), to be blocked, beside what the samples say;
+    at a place, in samples that block the way to it, `behind` if that is more.
     Raises PoseError without places and for those that are not finite or more than 1e15 cells
     away from the map, ConfigError for a radius below 0 or as large as that.
     """
@@ -80,5 +109,8 @@ def collision_risk(
     cells = np.ascontiguousarray(away / spec.resolution_m)
     radius = radius_m / spec.resolution_m
     lump = LUMP_M2 / spec.resolution_m**2
-    way_risk(samples.words, samples.known, samples.draws, cells, radius, unknown, lump, risk)
+    behind = max(unknown, behind)
+    way_risk(
+        samples.words, samples.known, samples.draws, cells, radius, unknown, behind, lump, risk
+    )
     return risk

@@ -76,46 +76,86 @@ def add_blocked(words, known, ax, ay, bx, by, radius, blocked):
 
 
 @njit(cache=True, nogil=True)
-def share_blocked(blocked, count, p_unknown, chances):
-    """How likely it is blocked: in a share of `count` samples, or by chances of p_unknown each."""
-    hits = 0
-    for word in blocked:
+def bits_in(words):
+    """How many bits are set."""
+    count = 0
+    for word in words:
         while word != np.uint64(0):
             word &= word - np.uint64(1)
-            hits += 1
-    clear = 1.0 - hits / count
+            count += 1
+    return count
+
+
+@njit(cache=True, nogil=True)
+def built_up(words, known, side):
+    """Tiles of side x side cells with something occupied, a mean over samples, and all tiles.
+
+    Tiles that are known for the most part count, by their known cells: words and known as for
+    `add_blocked`. The first is a sum over samples, not yet divided by their number.
+    """
+    height, width, n_words = words.shape
+    there = np.empty(n_words, np.uint64)
+    occupied, tiles = 0, 0
+    for bottom in range(0, height, side):
+        for left in range(0, width, side):
+            there[:] = np.uint64(0)
+            seen = 0
+            for row in range(bottom, min(bottom + side, height)):
+                for column in range(left, min(left + side, width)):
+                    if known[row, column]:
+                        seen += 1
+                        for k in range(n_words):
+                            there[k] |= words[row, column, k]
+            if 2 * seen > side * side:
+                tiles += 1
+                occupied += bits_in(there)
+    return occupied, tiles
+
+
+@njit(cache=True, nogil=True)
+def share_blocked(blocked, before, count, p_unknown, p_behind, chances):
+    """How likely it is blocked: in a share of `count` samples, or by chances of p_unknown each.
+
+    In samples that were blocked `before` these are chances of p_behind.
+    """
+    clear = 1.0 - bits_in(blocked) / count
     if chances > 0.0:
-        clear *= (1.0 - p_unknown) ** chances
+        behind = bits_in(before & ~blocked) / count
+        clear = (clear - behind) * (1.0 - p_unknown) ** chances + behind * (
+            1.0 - p_behind
+        ) ** chances
     return 1.0 - clear
 
 
 @njit(cache=True, nogil=True)
-def way_risk(words, known, count, places, radius, p_unknown, lump, risk):
+def way_risk(words, known, count, places, radius, p_unknown, p_behind, lump, risk):
     """Probability of a collision at each place and, last, on the whole way through them.
 
     words, known, radius  as for `add_blocked`; count: how many samples there are
-    places  (N, 2) float64, in cells from the lower left corner of the map
-    lump    so many unknown cells are one chance of p_unknown; so is an unknown disc, if smaller
-    risk    (N + 1,) float64, output
+    places    (N, 2) float64, in cells from the lower left corner of the map
+    p_behind  as p_unknown, in samples that block the way to a place before it
+    lump      so many unknown cells are one chance of p_unknown; so is an unknown disc, if smaller
+    risk      (N + 1,) float64, output
     Unknown cells of a piece of way that the disc covers where the piece begins were counted
     before it; those that a way comes back to later count again.
     """
     n = places.shape[0]
     whole = np.zeros(words.shape[2], np.uint64)
     at = np.empty(words.shape[2], np.uint64)
-    unknown, before, most = 0.0, 0.0, 0.0
+    unknown, disc_before, most = 0.0, 0.0, 0.0
     for i in range(n):
         x, y = places[i, 0], places[i, 1]
+        if i > 0:
+            x0, y0 = places[i - 1, 0], places[i - 1, 1]
+            unknown += add_blocked(words, known, x0, y0, x, y, radius, whole)[0] - disc_before
         at[:] = np.uint64(0)
         here, disc = add_blocked(words, known, x, y, x, y, radius, at)
-        chances = here / min(lump, max(disc, 1.0))
-        most = max(most, chances)
-        risk[i] = share_blocked(at, count, p_unknown, chances)
-        whole |= at
         if i == 0:
             unknown = here
-        else:
-            x0, y0 = places[i - 1, 0], places[i - 1, 1]
-            unknown += add_blocked(words, known, x0, y0, x, y, radius, whole)[0] - before
-        before = here
-    risk[n] = share_blocked(whole, count, p_unknown, max(most, unknown / lump))
+        chances = here / min(lump, max(disc, 1.0))
+        most = max(most, chances)
+        risk[i] = share_blocked(at, whole, count, p_unknown, p_behind, chances)
+        whole |= at
+        disc_before = here
+    chances = max(most, unknown / lump)
+    risk[n] = share_blocked(whole, whole, count, p_unknown, p_behind, chances)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from ogm_mcmc.arrays import Float64Array
-from ogm_mcmc.engine.collision import collision_risk
+from ogm_mcmc.engine.collision import chance_of_unknown, collision_risk
 from ogm_mcmc.engine.joint_poses import RefinedTrajectory
 from ogm_mcmc.engine.no_returns import NoReturnChoice
 from ogm_mcmc.engine.progress import Progress
@@ -25,6 +25,7 @@ class RefinedMap(NamedTuple):
     also where data says nothing; a cell of which nothing is known has `prior`. `trajectory` are
     the poses it was sampled at, where they are estimated; `samples` some of the maps, None while
     no sweep counts. `guess`, the live map of the same scans, says with a few draws what is known.
+    `unknown` is the chance of unknown space in `collision_risk`, None: found when asked.
     """
 
     number: int
@@ -38,6 +39,7 @@ class RefinedMap(NamedTuple):
     trajectory: RefinedTrajectory | None = None
     samples: SampleBits | None = None
     guess: GridMap | None = None
+    unknown: float | None = None
 
     def collision_risk(self, places: Float64Array, radius_m: float) -> Float64Array:
         """Return (N + 1,): how likely a disc meets something at each place, and on the way.
@@ -47,7 +49,10 @@ class RefinedMap(NamedTuple):
         """
         if self.samples is None:
             raise WindowError('no sweep counts yet: no samples of the map')
-        return collision_risk(self.samples, places, radius_m, self.prior)
+        unknown = self.unknown
+        if unknown is None:
+            unknown = chance_of_unknown(self.samples, self.prior)
+        return collision_risk(self.samples, places, radius_m, unknown)
 
     def shown(self, margin: float) -> GridMap:
         """Return the map where draws are surer than the prior by `margin`: `hide_uncertain`."""

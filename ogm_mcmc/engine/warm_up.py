@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ogm_mcmc.config import SamplerConfig, StopConfig, TrajectoryConfig
-from ogm_mcmc.engine.collision import collision_risk
+from ogm_mcmc.engine.collision import chance_of_unknown, collision_risk
 from ogm_mcmc.engine.joint_poses import PoseRefinement
 from ogm_mcmc.engine.live_map import live_map, reflection_map
 from ogm_mcmc.engine.refinement import Refinement
@@ -97,4 +97,4 @@ def warm_up_collisions() -> None:
     """Compile, or load from the cache, what the first answer would wait for."""
     blank = np.zeros((1, 1, 1), np.uint8)
     samples = SampleBits.of_maps(GridSpec(1.0, 1, 1), blank, blank[0] == 0)
-    collision_risk(samples, [(0.5, 0.5)], 0.1, 0.5)
+    collision_risk(samples, [(0.5, 0.5)], 0.1, chance_of_unknown(samples, 0.5))

@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 from ogm_mcmc.config import PosesConfig, SamplerConfig, StopConfig
 from ogm_mcmc.engine.beam_times import said_beam_times
+from ogm_mcmc.engine.collision import chance_of_unknown
 from ogm_mcmc.engine.joint_poses import KeptPoses
 from ogm_mcmc.engine.kept_samples import MOST_SAMPLES, KeptSamples
 from ogm_mcmc.engine.odometry import OdometryAt, said_odometry
@@ -315,10 +316,12 @@ class RefineWorker:
         mean = sampler.estimate() if final else sampler.present_estimate()
         grid_map = refinement.known_map(mean)
         samples = self._kept.bits(sampler, refinement.window.spec)
+        unknown = None
         if samples is not None:
             # Where the mean says nothing their cells are the prior's, one by one: calibrated
             # worse than by the area of unknown space, as `collision_risk` takes it.
             samples = samples.known_in(grid_map)
+            unknown = chance_of_unknown(samples, refinement.prior)
         with self._changed:
             if self._forget:
                 return
@@ -335,6 +338,7 @@ class RefineWorker:
                 self._poses.trajectory,
                 samples,
                 refinement.guess,
+                unknown,
             )
 
     def _write_state(self) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support.naive_collision import risk_by_cells
 
-from ogm_mcmc.engine.collision import LUMP_M2, collision_risk
+from ogm_mcmc.engine.collision import BEHIND, LUMP_M2, chance_of_unknown, collision_risk
 from ogm_mcmc.engine.collision_kernels import add_blocked
 from ogm_mcmc.errors import ConfigError, PoseError
 from ogm_mcmc.evaluation import reliability
@@ -91,7 +91,8 @@ def test_the_more_is_unknown_the_likelier_it_blocks():
 
     risk = collision_risk(samples, [(1.5, 1.5), (5.5, 1.5), (50.5, 1.5)], 0.4, 0.2)
     # One cell under the disc; 47 on the way, known ones not counted.
-    assert risk[:3].tolist() == [0.0, blocked(1), blocked(1)]
+    behind = 0.5 * (0.8 ** (1 / lump) - (1.0 - BEHIND) ** (1 / lump))
+    assert risk[:3].tolist() == [0.0, *[pytest.approx(blocked(1).expected + behind)] * 2]
     # Whatever lies behind, a door that is there blocks the way.
     assert risk[3] == pytest.approx(0.5 + 0.5 * (1.0 - 0.8 ** (47 / lump)))
     assert collision_risk(samples, [(1.5, 0.3)], 0.4, 0.2)[0] == blocked(1)
@@ -100,6 +101,36 @@ def test_the_more_is_unknown_the_likelier_it_blocks():
     assert still[-1] == blocked(1)
     steps = np.column_stack((np.linspace(1.5, 50.5, 491), np.full(491, 1.5)))
     assert collision_risk(samples, steps, 0.4, 0.2)[-1] == pytest.approx(risk[3])
+
+
+def test_behind_what_blocks_the_way_unknown_space_is_more_often_solid():
+    known = KNOWN.copy()
+    known[:, 5:] = False
+    samples = bits(CLEAR, DOOR, known=known)
+    way, chances = [(1.5, 1.5), (5.5, 1.5)], 1 / LUMP_M2  # one cell of 1 m2 under the disc
+    free, solid = 0.8**chances, (1.0 - BEHIND) ** chances
+    risk = collision_risk(samples, way, 0.4, 0.2)
+    # Half of the samples have a door on the way: it blocks the way, and tells of the place.
+    assert risk[1] == pytest.approx(1.0 - 0.5 * (free + solid))
+    assert risk[2] == pytest.approx(1.0 - 0.5 * free)
+    # Without a way nothing lies before it, and a greater chance stays one.
+    assert collision_risk(samples, way[1:], 0.4, 0.2)[0] == pytest.approx(1.0 - free)
+    assert collision_risk(samples, way, 0.4, 0.9)[1] == pytest.approx(1.0 - 0.1**chances)
+
+
+def test_known_space_tells_how_built_up_the_unknown_is():
+    """Tiles of 2 x 2 cells: of four that are known two are empty, one is a wall in 1 of 4 maps."""
+    spec, known = GridSpec(0.4, 6, 4), np.ones((4, 6), bool)
+    known[:, 4:] = False
+    known[2, 0] = False  # three of four cells are known: a tile; two would not do
+    known[0, 4:] = True
+    maps = np.zeros((4, 4, 6), np.uint8)
+    maps[0, 0, 0], maps[:, 3, 3], maps[:, 2, 5] = 1, 1, 1
+    samples = SampleBits.of_maps(spec, maps, known)
+    share = (1 / 4 + 1 + 0.3) / (4 + 1)
+    assert chance_of_unknown(samples, 0.3) == pytest.approx(np.sqrt(share * 0.3))
+    nothing = SampleBits.of_maps(spec, maps, np.zeros_like(known))
+    assert chance_of_unknown(nothing, 0.3) == pytest.approx(0.3)
 
 
 def test_far_outside_of_the_map_is_answered_at_once():
@@ -130,7 +161,7 @@ def test_slow_twin(seed):
     points = places * 0.25 + (spec.origin_x_m, spec.origin_y_m)
     found = collision_risk(SampleBits.of_maps(spec, maps, known), points, radius * 0.25, 0.3)
     way = [tuple(place) for place in places]
-    expected = risk_by_cells(maps, known, way, radius, 0.3, LUMP_M2 / 0.25**2)
+    expected = risk_by_cells(maps, known, way, radius, 0.3, BEHIND, LUMP_M2 / 0.25**2)
     assert found == pytest.approx(expected, abs=1e-12)
     assert found[-1] >= found[:-1].max()
 

@@ -48,11 +48,12 @@ def met(a, b, radius, shape, around=12):
     return [(j, i) for j in rows for i in columns if _distance(a, b, i, j) <= radius]
 
 
-def risk_by_cells(maps, known, places, radius, p_unknown, lump):
+def risk_by_cells(maps, known, places, radius, p_unknown, p_behind, lump):
     """Probability of a collision at each place and on the way; lengths and areas in cells.
 
     Each `lump` unknown cells are a chance of p_unknown, on a way those that come new with a piece;
-    so is an unknown disc, if that is smaller.
+    so is an unknown disc, if that is smaller. At a place it is p_behind in maps that block the way
+    before it.
     """
 
     def sampled(cells):
@@ -62,15 +63,23 @@ def risk_by_cells(maps, known, places, radius, p_unknown, lump):
     def unknown(cells):
         return len(cells) - len(sampled(cells))
 
-    def one(cells, chances):
-        rest = 1.0 - (1.0 - p_unknown) ** chances
-        here = sampled(cells)
-        return sum(1.0 if any(m[c] for c in here) else rest for m in maps) / len(maps)
+    def one(cells, before, chances):
+        here, behind = sampled(cells), sampled(before)
+        met_in = [
+            1.0
+            if any(m[c] for c in here)
+            else 1.0 - (1.0 - (p_behind if any(m[c] for c in behind) else p_unknown)) ** chances
+            for m in maps
+        ]
+        return sum(met_in) / len(maps)
 
     points = [met(place, place, radius, known.shape) for place in places]
     pieces = [met(a, b, radius, known.shape) for a, b in pairwise(places)]
+    gone = [points[:i] + pieces[:i] for i in range(len(points))]
+    before = [[cell for cells in some for cell in cells] for some in gone]
     way = sorted({cell for cells in points + pieces for cell in cells})
     new = [unknown(piece) - unknown(at) for at, piece in zip(points, pieces, strict=False)]
     chances = [unknown(cells) / min(lump, len(cells)) for cells in points]
     whole = max(*chances, (unknown(points[0]) + sum(new)) / lump)
-    return [*(one(cells, n) for cells, n in zip(points, chances, strict=True)), one(way, whole)]
+    at = [one(*asked) for asked in zip(points, before, chances, strict=True)]
+    return [*at, one(way, [], whole)]

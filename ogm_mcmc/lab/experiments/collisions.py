@@ -4,6 +4,7 @@ A building is driven through, 5 % of the beams are mapped as `~/refine` does, an
 ways of 0.5 to 4 m begin in cells that the map calls free. How likely each is blocked for a disc
 is asked of the samples (`collision_risk`) and, for comparison, of the product of the cells'
 probabilities. The truth is the building itself. A way that leaves what the map knows counts.
+The places where the ways end are asked, too.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import numpy as np
 from ogm_mcmc.arrays import BoolArray, Float64Array
 from ogm_mcmc.config.nodes import RefineSamplerConfig
 from ogm_mcmc.config.settings import flatten
-from ogm_mcmc.engine.collision import LUMP_M2, collision_risk
+from ogm_mcmc.engine.collision import BEHIND, LUMP_M2, chance_of_unknown, collision_risk
 from ogm_mcmc.engine.collision_kernels import reach
 from ogm_mcmc.evaluation import reliability
 from ogm_mcmc.geometry import GridMap, SampleBits
@@ -36,6 +37,7 @@ SHORTEST_M, LONGEST_M = 0.5, 4.0
 NOTES = [
     'Error: mean over ways of the difference between what is said and what happens, in ten bins '
     'of what is said. Known: ways of which the disc meets no unknown cell; unknown: all others. '
+    'Ends: single places, where the ways end. '
     'Product: all ways, asked of the cells as if they were independent.',
 ]
 
@@ -54,7 +56,7 @@ def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
         title='collisions',
         depends_on={
             'ways': [WAYS, RADIUS_M, SHARE, SHORTEST_M, LONGEST_M],
-            'lump': LUMP_M2,
+            'unknown': [LUMP_M2, BEHIND, 'geometric mean of the prior and built-up tiles'],
             'sampler': flatten(RefineSamplerConfig()),
         },
     )
@@ -66,7 +68,7 @@ def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
             f'{one[ways]["ways"]} ways, said {one[ways]["said"]}, true {one[ways]["true"]}',
         )
         for one in parts.values()
-        for ways in ('all', 'known', 'unknown', 'product')
+        for ways in ('all', 'known', 'unknown', 'ends', 'product')
     ]
     settings = {'seed': seed, 'ways': WAYS, 'radius_m': RADIUS_M, 'share of beams': SHARE}
     return {'rows': rows, 'parts': list(parts.values()), 'settings': settings, 'notes': NOTES}
@@ -83,11 +85,12 @@ def score(building: int, step: int, seed: int) -> dict[str, Any]:
     nothing = maps.bits._replace(words=np.zeros_like(maps.bits.words))
 
     def asked(bits: SampleBits, unknown: float) -> Float64Array:
-        return np.array([collision_risk(bits, way, RADIUS_M, unknown)[-1] for way in ways])
+        return np.array([collision_risk(bits, way, RADIUS_M, unknown)[1:] for way in ways])
 
-    said, blocked = asked(maps.bits, maps.prior), asked(truth, 1.0)
+    chance = chance_of_unknown(maps.bits, maps.prior)
+    (said_end, said), (blocked_end, blocked) = asked(maps.bits, chance).T, asked(truth, 1.0).T
     product = np.array([product_risk(maps.mean, way, RADIUS_M, maps.prior) for way in ways])
-    known = asked(nothing, 1.0) == 0.0
+    known = asked(nothing, 1.0)[:, 1] == 0.0
     hit: BoolArray = blocked > 0.5
     return {
         'building': building,
@@ -95,7 +98,9 @@ def score(building: int, step: int, seed: int) -> dict[str, Any]:
         'all': _told(said, hit),
         'known': _told(said[known], hit[known]),
         'unknown': _told(said[~known], hit[~known]),
+        'ends': _told(said_end, blocked_end > 0.5),
         'product': _told(product, hit),
+        'chance': chance,
     }
 
 
