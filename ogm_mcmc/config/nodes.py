@@ -224,9 +224,20 @@ class NodeModelConfig(ForwardModelConfig):
         high=10.0,
     )
 
+    grazing: float = setting(
+        -1.0,
+        'standard deviation of where surfaces lie, across themselves, m: a reading errs by this '
+        'over the tangent of the angle that the beam makes with what it met more; 0: not at all; '
+        '-1: found in the scans that are sampled',
+        low=-1.0,
+        high=10.0,
+    )
+
     def __post_init__(self) -> None:
         """Refuse what is out of bounds."""
         super().__post_init__()
+        possible = self.grazing == -1.0 or self.grazing >= 0.0
+        require(possible, 'grazing', self.grazing, 'expected -1, or 0 or more')
         possible = self.sigma == 0.0 or self.sigma >= LEAST_SIGMA_M
         require(possible, 'sigma', self.sigma, 'expected 0, or 0.0001 or more')
 
@@ -300,8 +311,9 @@ class RefineSamplerConfig(SamplerConfig):
 
 
 def judging(config: RefineSamplerConfig) -> RefineSamplerConfig:
-    """Return how beams are understood by a judge, who finds no sigma in them."""
-    return replace(config, model=replace(config.model, sigma=config.model.sigma_m))
+    """Return how beams are understood by a judge, who finds nothing in them."""
+    model = config.model
+    return replace(config, model=replace(model, sigma=model.sigma_m, grazing=model.grazing_m))
 
 
 REFINE_CONFIGS = (

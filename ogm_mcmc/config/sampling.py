@@ -36,6 +36,13 @@ class ForwardModelConfig:
         low=1e-4,
         high=10.0,
     )
+    grazing: float = setting(
+        0.0,
+        'standard deviation of where surfaces lie, across themselves, m: a reading errs by this '
+        'over the tangent of the angle that the beam makes with what it met more; 0: not at all',
+        low=0.0,
+        high=10.0,
+    )
     clutter: float = setting(
         0.05, 'beam: share of ranges that are random (uniform)', low=1e-6, high=0.5
     )
@@ -68,6 +75,11 @@ class ForwardModelConfig:
     def sigma_m(self) -> float:
         """The sigma; where it is 0, to be found in scans, and nobody has looked, the default."""
         return float(self.sigma or ForwardModelConfig.sigma)
+
+    @property
+    def grazing_m(self) -> float:
+        """How far surfaces are off; 0, too, where it is to be found and nobody has looked."""
+        return max(float(self.grazing), 0.0)
 
 
 @dataclass(frozen=True)

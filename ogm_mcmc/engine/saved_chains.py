@@ -25,8 +25,9 @@ __all__ = ['load_chains', 'save_chains', 'saved_settings']
 
 # Of 1 sweeps were counted, not parts of them; up to 2 where chains look most followed from counts;
 # up to 3 it was decided later, and a burn-in never ended early; up to 4 nothing was said of
-# sigma, nor of how many scans told of the beams, and sweeps drew other numbers.
-VERSION = 5
+# sigma, nor of how many scans told of the beams, and sweeps drew other numbers; up to 5 nothing
+# was said of grazing.
+VERSION = 6
 
 
 def save_chains(sampler: PosteriorSampler, path: Path, settings: dict[str, Any]) -> None:

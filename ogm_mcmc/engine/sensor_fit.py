@@ -31,7 +31,8 @@ import numpy as np
 
 from ogm_mcmc.arrays import AnyArray, BoolArray, Int64Array
 from ogm_mcmc.config import ForwardModelConfig, MapperConfig, SamplerConfig, WindowConfig
-from ogm_mcmc.engine.range_spread import Spread, contradicted, spread_of
+from ogm_mcmc.engine.grazing import grazing_of, told
+from ogm_mcmc.engine.range_spread import Spread, blur_of, contradicted, spread_of
 from ogm_mcmc.errors import WindowError
 from ogm_mcmc.geometry import CellBox, HeldRays, PlacedScan, Rays, cast_rays
 from ogm_mcmc.mapping.counting import CountingMapper
@@ -106,6 +107,7 @@ class SensorNumbers(NamedTuple):
     clutter: Share | None
     missing: Share | None
     sigma: Spread | None = None
+    grazing: Spread | None = None
 
     def __str__(self) -> str:
         """Return `clutter 0.0123 (0.0090 to 0.0160), sigma 0.0168 m (0.0150 to 0.0190)`."""
@@ -126,22 +128,28 @@ def fit_sensor(
 ) -> tuple[ForwardModelConfig, SensorNumbers | None]:
     """Return the sensor's model with the numbers that its beams ask for, and how sure they are.
 
-    A sigma of 0 is found. Shares are where `config.chain.sensor` says so and the model is `beam`
-    without short returns. Where nothing is to be found the model comes back as it is, and None.
+    A sigma of 0 is found, and so is grazing below 0. Shares are where `config.chain.sensor` says
+    so and the model is `beam` without short returns. Where nothing is to be found the model comes
+    back as it is, and None.
     """
     given, window = config.model, config.window
     shares = config.chain.sensor == 'fitted' and given.kind == 'beam' and given.short == 0.0
-    if given.sigma > 0.0 and not shares:
+    if given.sigma > 0.0 and given.grazing >= 0.0 and not shares:
         return given, None
     mapper, cast = _mapped(scans, window)
     sigma = given.sigma_m
     seen = _Seen.of(mapper, math.ceil(2.0 * sigma / window.resolution))
-    spread = None
+    spread = grazing = None
     if given.sigma == 0.0:
         spread = spread_of(seen.hits, seen.misses, seen.beside, window.resolution)
         given = replace(given, sigma=spread.mean)
+    if given.grazing < 0.0:
+        sharp = 1.0 - blur_of(given.sigma, window.resolution)
+        if sharp > 0.0:
+            grazing = grazing_of(scans, window, seen.hits, seen.misses, seen.box)
+        given = replace(given, grazing=0.0 if grazing is None else sharp * told(grazing))
     if not shares:
-        return given, SensorNumbers(None, None, spread)
+        return given, SensorNumbers(None, None, spread, grazing)
     if given.sigma > sigma:
         seen = _Seen.of(mapper, math.ceil(2.0 * given.sigma / window.resolution))
     clutter, missing = _shares(seen, cast, scans)
@@ -151,7 +159,7 @@ def fit_sensor(
         clutter=max(clutter.mean, LEAST_SHARE),
         missing=max(missing.mean, LEAST_SHARE) if clears else given.missing,
     )
-    return model, SensorNumbers(clutter, missing if clears else None, spread)
+    return model, SensorNumbers(clutter, missing if clears else None, spread, grazing)
 
 
 def _shares(seen: _Seen, cast: HeldRays, scans: Sequence[PlacedScan]) -> tuple[Share, Share]:
@@ -247,9 +255,15 @@ def _mapped(scans: Sequence[PlacedScan], window: WindowConfig) -> tuple[Counting
 
 def alike(one: ForwardModelConfig, other: ForwardModelConfig) -> bool:
     """Whether models differ in what is fitted alone, which changes a little with a few scans."""
-    near = math.isclose(one.sigma, other.sigma, rel_tol=SAME_SIGMA)
-    sigma = other.sigma if near else one.sigma
-    return replace(one, sigma=sigma, clutter=other.clutter, missing=other.missing) == other
+    least = SAME_SIGMA * min(one.sigma, other.sigma)
+    near = (
+        math.isclose(one.sigma, other.sigma, rel_tol=SAME_SIGMA)
+        and math.isclose(one.grazing, other.grazing, rel_tol=SAME_SIGMA, abs_tol=least)
+    )  # fmt: skip
+    found = replace(one, clutter=other.clutter, missing=other.missing)
+    return found == other or (
+        near and replace(found, sigma=other.sigma, grazing=other.grazing) == other
+    )
 
 
 def may_stay(one: ForwardModelConfig, other: ForwardModelConfig) -> bool:
@@ -265,7 +279,8 @@ def found_of_beams(
     """Return what was found of the beams of so many scans, as JSON has it."""
     numbers = None if sensor is None else sensor.as_dict()
     shares = {'clutter': model.clutter, 'missing': model.missing}
-    return {'sigma': model.sigma, **shares, 'sensor': numbers, 'scans': scans}
+    spreads = {'sigma': model.sigma, 'grazing': model.grazing}
+    return {**spreads, **shares, 'sensor': numbers, 'scans': scans}
 
 
 def saved_beams(
@@ -276,16 +291,17 @@ def saved_beams(
     `model`: what was asked for.
     """
     try:
-        sigma, clutter, missing = (float(saved[name]) for name in ('sigma', 'clutter', 'missing'))
-        found = replace(model, sigma=sigma, clutter=clutter, missing=missing)
+        names = ('sigma', 'grazing', 'clutter', 'missing')
+        sigma, grazing, clutter, missing = (float(saved[name]) for name in names)
+        found = replace(model, sigma=sigma, grazing=grazing, clutter=clutter, missing=missing)
         numbers, scans = saved['sensor'], int(saved['scans'])
         if numbers is None:
             return found, None, scans
         shares = (numbers[name] for name in ('clutter', 'missing'))
         wrong, lost = (None if share is None else Share(**share) for share in shares)
-        spread = numbers['sigma']
-        spread = None if spread is None else Spread(**spread)
-        return found, SensorNumbers(wrong, lost, spread), scans
+        spreads = (numbers[name] for name in ('sigma', 'grazing'))
+        spread, off = (None if one is None else Spread(**one) for one in spreads)
+        return found, SensorNumbers(wrong, lost, spread, off), scans
     except (KeyError, TypeError, ValueError) as error:
         raise WindowError(f'{path}: expected what was found of the beams ({error})') from error
 

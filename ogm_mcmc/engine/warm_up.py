@@ -13,6 +13,7 @@ from ogm_mcmc.engine.live_map import live_map, reflection_map
 from ogm_mcmc.engine.refinement import Refinement
 from ogm_mcmc.engine.sensor_fit import fit_sensor
 from ogm_mcmc.geometry import GridMap, GridSpec, PlacedScan, Pose2D, SampleBits, Scan
+from ogm_mcmc.geometry.slants import slants_of
 from ogm_mcmc.sampling.chain_starts import forgotten
 
 __all__ = [
@@ -37,6 +38,7 @@ def warm_up_sampling(config: SamplerConfig) -> int:
         refinement.take(scans)
         done = list(refinement.run(StopConfig(max_sweeps=config.chain.burn_in + 1)))
     refinement.known_map()
+    slants_of(first.scan, config.window.resolution)
     return done[-1].sweeps
 
 
@@ -68,6 +70,7 @@ def warm_up_maps(config: SamplerConfig) -> None:
     live_map(scans, window)
     reflection_map(scans, window)
     fit_sensor(scans, replace(config, window=window))
+    slants_of(scans[0].scan, window.resolution)
 
 
 def _two_scans(resolution_m: float) -> list[PlacedScan]:

@@ -132,8 +132,12 @@ def sensor_values(sensor: SensorNumbers | None) -> dict[str, object]:
         for name, share in shares.items()
         if share is not None
     }
-    if sensor.sigma is not None:
-        values['sigma of ranges (95 % interval)'] = str(sensor.sigma)
+    spreads = {'sigma of ranges': sensor.sigma, 'grazing': sensor.grazing}
+    values |= {
+        f'{name} (95 % interval)': str(spread)
+        for name, spread in spreads.items()
+        if spread is not None
+    }
     return values
 
 

@@ -11,7 +11,8 @@ from ogm_mcmc.config import WindowConfig
 from ogm_mcmc.errors import GridError
 from ogm_mcmc.geometry import CellBox, GridSpec, PlacedScan
 from ogm_mcmc.geometry.rays import on_lattice, usable_range
-from ogm_mcmc.sampling.ray_filing_kernels import near_from
+from ogm_mcmc.geometry.slants import slants_of
+from ogm_mcmc.sampling.ray_filing_kernels import nearest_of
 from ogm_mcmc.sensors.forward_model import ForwardModel
 
 __all__ = ['BeamRays', 'limited', 'most_cells', 'most_near_cells', 'rays_of_scan']
@@ -22,10 +23,14 @@ MAX_POSITIONS = 65_000
 # Rays end so far inside of the limits of a window, cells: more than rounding takes them outside.
 RIM = 1e-6
 
+# Grazing makes readings err by so many cells at most.
+MOST_GRAZED = 4.0
+
 
 class BeamRays(NamedTuple):
     """N rays (all arrays (N,)): sensor cell `column`, `row`, the sensor in it at `x`, `y`;
-    direction `ux`, `uy`; `length` in cells; `reading` and `reach` in m, reading inf for none.
+    direction `ux`, `uy`; `length` in cells; `reading` and `reach` in m, reading inf for none;
+    `sigma`: standard deviation of the reading, m.
 
     Lines alone, which say nothing yet, have readings nan and in `reach` from where on the
     likelihoods that come will vary.
@@ -40,11 +45,15 @@ class BeamRays(NamedTuple):
     length: Float64Array
     reading: Float64Array
     reach: Float64Array
+    sigma: Float64Array
 
 
-def rays_of_scan(placed: PlacedScan, config: WindowConfig, sigma_m: float) -> BeamRays:
+def rays_of_scan(
+    placed: PlacedScan, config: WindowConfig, sigma_m: float, grazing_m: float = 0.0
+) -> BeamRays:
     """Return the rays of a scan, followed as far as the configuration says.
 
+    `sigma_m`: of readings of what is met square; `grazing_m`: surfaces are off, across themselves.
     Raises GridError for a ray that is too long.
     """
     scan, sensor = placed.thinned(config.beam_stride).scan, placed.pose
@@ -57,9 +66,14 @@ def rays_of_scan(placed: PlacedScan, config: WindowConfig, sigma_m: float) -> Be
     ahead, left = scan.directions()[:, used]
     cosine, sine = np.cos(sensor.yaw_rad), np.sin(sensor.yaw_rad)
     hit = reading <= reach
+    sigma = np.full(n, sigma_m)
+    if grazing_m > 0.0:
+        # Of all beams, those that are left out here too: they tell what there is beside these.
+        slants = slants_of(placed.scan, config.resolution)[:: config.beam_stride][used]
+        sigma = np.hypot(sigma, np.minimum(grazing_m * slants, MOST_GRAZED * config.resolution))
     length = np.full(n, reach / config.resolution)
     if config.cut_sigma > 0.0:
-        behind = (reading + config.cut_sigma * sigma_m) / config.resolution
+        behind = (reading + config.cut_sigma * sigma) / config.resolution
         length[hit] = np.minimum(length, behind)[hit]
     if n and length.max() * 2.0 > MAX_POSITIONS:
         raise GridError(
@@ -76,6 +90,7 @@ def rays_of_scan(placed: PlacedScan, config: WindowConfig, sigma_m: float) -> Be
         length,
         np.where(hit, reading, np.inf),
         np.full(n, reach),
+        sigma,
     )
 
 
@@ -115,12 +130,11 @@ def most_near_cells(rays: BeamRays, model: ForwardModel, resolution: float) -> A
     if np.isnan(rays.reading).any():
         length = rays.length - np.maximum(rays.reach, 0.0) / resolution
     else:
-        reach = float(rays.reach.max())
-        level_ends = max(
-            reach - near_from(model, reading, reach)[1] for reading in (reach, np.inf)
-        )
+        nearest = np.empty(rays.length.size)
+        nearest_of(model, rays.reading, rays.reach, rays.sigma, nearest)
         near_to = np.minimum(rays.reading, rays.reach)
-        length = (level_ends + np.maximum(rays.length * resolution - near_to, 0.0)) / resolution
+        length = np.maximum(rays.length * resolution, near_to) - nearest
+        length /= resolution
     with np.errstate(invalid='ignore'):
         cells = (length + 1.5) * (np.abs(rays.ux) + np.abs(rays.uy)) + 3.0
     most: AnyArray = np.minimum(cells, 2.0**40).astype(np.int64)

@@ -32,21 +32,28 @@ class _Held(NamedTuple):
     length: Float64Array
     reading: Float32Array
     reach: Float64Array  # one for all, if it is
+    sigma: Float64Array  # as well
 
     @classmethod
     def of(cls, rays: BeamRays) -> _Held:
         column, row, x, y = (array[0] if array.size else 0 for array in rays[:4])
-        reach = rays.reach
-        if reach.size and (reach == reach[0]).all():
-            reach = reach[:1].copy()
         at = int(column), int(row), float(x), float(y)
-        return cls(at, rays.ux, rays.uy, rays.length, rays.reading.astype(np.float32), reach)
+        return cls(
+            at,
+            rays.ux,
+            rays.uy,
+            rays.length,
+            rays.reading.astype(np.float32),
+            _told_once(rays.reach),
+            _told_once(rays.sigma),
+        )
 
     def rays(self) -> BeamRays:
         size = self.length.size
         column, row, x, y = (np.full(size, value) for value in self.at)
-        reading, reach = self.reading.astype(np.float64), np.full(size, self.reach)
-        return BeamRays(column, row, x, y, self.ux, self.uy, self.length, reading, reach)
+        reading = self.reading.astype(np.float64)
+        reach, sigma = np.full(size, self.reach), np.full(size, self.sigma)
+        return BeamRays(column, row, x, y, self.ux, self.uy, self.length, reading, reach, sigma)
 
 
 class Part(NamedTuple):
@@ -168,3 +175,8 @@ def in_blocks(parts: Iterable[BeamRays]) -> Iterator[BeamRays]:
 
 def _together(parts: Sequence[BeamRays]) -> BeamRays:
     return BeamRays(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+
+
+def _told_once(values: Float64Array) -> Float64Array:
+    """Return values (n,), one of them (1,) where they are all the same."""
+    return values[:1].copy() if values.size and (values == values[0]).all() else values

@@ -34,6 +34,7 @@ from ogm_mcmc.sampling.ray_line_kernels import (
     places_of,
     row_of_ray,
 )
+from ogm_mcmc.sensors.forward_model import ForwardModel
 from ogm_mcmc.sensors.forward_model_kernels import (
     level_log_likelihood,
     range_log_likelihood,
@@ -109,6 +110,22 @@ def near_from(model, reading, reach):
     return level, min(reading, reach) - near
 
 
+@njit(cache=True, nogil=True, inline='always')
+def with_sigma(model, sigma):
+    """Return the model of one beam, the standard deviation of which is `sigma`, m."""
+    return ForwardModel(
+        model.is_gaussian, sigma, model.hit, model.clutter, model.missing, model.short,
+        model.short_decay, model.depth,
+    )  # fmt: skip
+
+
+@njit(cache=True, nogil=True)
+def nearest_of(model, readings, reaches, sigmas, nearest):
+    """Fill `nearest` (n,) with from how many m on the likelihood of each beam is not level."""
+    for n in range(readings.size):
+        nearest[n] = near_from(with_sigma(model, sigmas[n]), readings[n], reaches[n])[1]
+
+
 @njit(cache=True, nogil=True)
 def near_cells(rays, n, ray, nearest, resolution, depth, columns, rows, distances):
     """List the cells of a laid ray (5,) from the first one at least `nearest` m away; count them.
@@ -176,8 +193,9 @@ def lay_rays(beams, model, resolution, width, rays, counts):
         lay_ray(plan, end_y < y, rays[n])
         level, nearest, unseen = 0.0, reach, 0.0
         if not math.isnan(reading):
-            level, nearest = near_from(model, reading, reach)
-            unseen = unseen_log_likelihood(model, reading, reach, length * resolution)
+            own = with_sigma(model, beams.sigma[n])
+            level, nearest = near_from(own, reading, reach)
+            unseen = unseen_log_likelihood(own, reading, reach, length * resolution)
         ray_bits[n, LEVEL] = level
         ray_bits[n, UNSEEN] = unseen
         count = near_cells(
@@ -211,9 +229,10 @@ def file_near(
         ray = first_ray + n
         reading, reach = beams.reading[n], beams.reach[n]
         level, nearest, varies, near_to = 0.0, reach, 0.0, 0.0
+        own = with_sigma(model, beams.sigma[n])
         if not math.isnan(reading):
-            level, nearest = near_from(model, reading, reach)
-            _, varies = level_log_likelihood(model, reading, reach)
+            level, nearest = near_from(own, reading, reach)
+            _, varies = level_log_likelihood(own, reading, reach)
             near_to = min(reading, reach)
         count = near_cells(
             beams, n, rays[ray], nearest, resolution, model.depth, columns, rows, distances
@@ -225,7 +244,7 @@ def file_near(
         for p in range(count - 1, -1, -1):
             value = np.float32(level)
             if abs(distances[p] - near_to) < varies:
-                value = np.float32(range_log_likelihood(model, reading, reach, distances[p]))
+                value = np.float32(range_log_likelihood(own, reading, reach, distances[p]))
             number = list_of(rows[p] * grid[WIDTH] + columns[p], marks)
             i = next_pair[number]
             next_pair[number] = i + 1

@@ -30,7 +30,7 @@ import numpy as np
 from ogm_mcmc.arrays import AnyArray, Float64Array
 from ogm_mcmc.geometry import PlacedScan, Pose2D
 from ogm_mcmc.sampling.beam_rays import BeamRays, most_cells
-from ogm_mcmc.sampling.ray_merging_kernels import nearest_of
+from ogm_mcmc.sampling.ray_filing_kernels import nearest_of
 from ogm_mcmc.sensors.forward_model import ForwardModel
 
 __all__ = ['Joining', 'Lines', 'Places', 'Pose', 'Shared', 'numbers_of']
@@ -155,7 +155,7 @@ class Joining:
 
     def _lines(self, rays: BeamRays, first_ray: int) -> Lines:
         nearest = np.empty(rays.length.size)
-        nearest_of(self._model, rays.reading, rays.reach, nearest)
+        nearest_of(self._model, rays.reading, rays.reach, rays.sigma, nearest)
         np.maximum(nearest, 0.0, out=nearest)
         numbers = first_ray + np.arange(nearest.size)
         direction = rays.ux + 1j * rays.uy

@@ -11,6 +11,7 @@ from ogm_mcmc.sampling.ray_filing_kernels import (
     near_cells,
     near_from,
     sum_rounded_up,
+    with_sigma,
 )
 from ogm_mcmc.sampling.ray_index_kernels import WIDTH, list_of, near_entry
 from ogm_mcmc.sampling.ray_line_kernels import (
@@ -29,13 +30,6 @@ from ogm_mcmc.sensors.forward_model_kernels import (
     range_log_likelihood,
     unseen_log_likelihood,
 )
-
-
-@njit(cache=True, nogil=True)
-def nearest_of(model, readings, reaches, nearest):
-    """Fill `nearest` (n,) with from how many m on the likelihood of each beam is not level."""
-    for n in range(readings.size):
-        nearest[n] = near_from(model, readings[n], reaches[n])[1]
 
 
 @njit(cache=True, nogil=True)
@@ -64,10 +58,11 @@ def add_beams(
         end_x, end_y = x + length * beams.ux[n], y + length * beams.uy[n]
         plan_ray(np.int64(beams.column[n]), np.int64(beams.row[n]), x, y, end_x, end_y, plan)
         lay_ray(plan, end_y < y, own)
-        level, nearest = near_from(model, reading, reach)
-        _, varies = level_log_likelihood(model, reading, reach)
+        of_beam = with_sigma(model, beams.sigma[n])
+        level, nearest = near_from(of_beam, reading, reach)
+        _, varies = level_log_likelihood(of_beam, reading, reach)
         near_to = min(reading, reach)
-        unseen = np.float32(unseen_log_likelihood(model, reading, reach, length * resolution))
+        unseen = np.float32(unseen_log_likelihood(of_beam, reading, reach, length * resolution))
         start, shape = rays[ray, START], rays[ray, SHAPE]
         first, behind = first_place(start, shape), places_of(own[SHAPE])
         code = np.int32((ray << 2) | ((shape >> 48) & 3))
@@ -91,7 +86,7 @@ def add_beams(
             if place < behind:
                 value = np.float32(level)
                 if abs(distances[p] - near_to) < varies:
-                    value = np.float32(range_log_likelihood(model, reading, reach, distances[p]))
+                    value = np.float32(range_log_likelihood(of_beam, reading, reach, distances[p]))
             if tells == 0 and abs(value - unseen) > TELLING:
                 tells = place + 1
             number = list_of(rows[p] * grid[WIDTH] + columns[p], marks)

@@ -177,7 +177,9 @@ class RayWindow:
 
     def size_of(self, placed: PlacedScan) -> WindowSize:
         """Return what a scan adds to a window; raises GridError for a ray that is too long."""
-        return self._size_of(rays_of_scan(placed, self.config, self.model.sigma_m))
+        return self._size_of(
+            rays_of_scan(placed, self.config, self.model.sigma_m, self.model_config.grazing_m)
+        )
 
     @property
     def most_bytes(self) -> float:
@@ -185,7 +187,7 @@ class RayWindow:
         return self.config.max_memory_mb * 1e6
 
     def _cast(self, placed: PlacedScan) -> BeamRays:
-        rays = rays_of_scan(placed, self.config, self.model.sigma_m)
+        rays = rays_of_scan(placed, self.config, self.model.sigma_m, self.model_config.grazing_m)
         if self.limits is not None:
             rays = limited(rays, self.limits, self.config.resolution)
         return rays

@@ -139,7 +139,7 @@ def batch_of(
     forward = ForwardModel.from_config(model)
 
     def cast(placed: PlacedScan) -> BeamRays:
-        return rays_of_scan(placed, config, forward.sigma_m)
+        return rays_of_scan(placed, config, forward.sigma_m, model.grazing_m)
 
     taken, _ = settled(scans, Stands(), config)
     return Batch(taken, cast, Joining({}, 0, taken, cast, forward, config.resolution))

@@ -20,8 +20,12 @@ def test_sigma_may_be_left_to_the_data_but_not_by_a_judge():
     config = build(RefineSamplerConfig, {'window.resolution': 0.1})
     assert (config.model.sigma, config.model.sigma_m) == (0.0, ForwardModelConfig().sigma)
     assert judging(config).model.sigma == ForwardModelConfig().sigma
-    fixed = build(RefineSamplerConfig, {'model.sigma': 0.02})
+    assert (config.model.grazing, config.model.grazing_m) == (-1.0, 0.0)
+    assert judging(config).model.grazing == 0.0
+    fixed = build(RefineSamplerConfig, {'model.sigma': 0.02, 'model.grazing': 0.01})
     assert judging(fixed) == fixed
+    with pytest.raises(ConfigError, match=r'grazing is -0\.5: expected -1, or 0 or more'):
+        build(RefineSamplerConfig, {'model.grazing': -0.5})
     with pytest.raises(ConfigError, match=r'sigma is 1e-06: expected 0, or 0\.0001 or more'):
         build(RefineSamplerConfig, {'model.sigma': 1e-6})
     with pytest.raises(ConfigError, match=r'sigma is 0\.0: expected a number from 0\.0001'):

@@ -111,7 +111,7 @@ def test_a_window_that_grew_goes_on_with_what_its_first_scans_told_of_the_beams(
     assert again.model == grown.model
 
 
-SAID = {'sigma': 0.05, 'clutter': 0.1, 'missing': 0.1, 'sensor': None, 'scans': 4}
+SAID = {'sigma': 0.05, 'grazing': 0.0, 'clutter': 0.1, 'missing': 0.1, 'sensor': None, 'scans': 4}
 
 
 @pytest.mark.parametrize(

@@ -20,6 +20,7 @@ MODELS = {
     'beam': ForwardModelConfig(sigma=0.1),
     'short': ForwardModelConfig(sigma=0.1, short=0.05),
     'gaussian': ForwardModelConfig(kind='gaussian', sigma=0.3),
+    'grazing': ForwardModelConfig(sigma=0.1, grazing=0.2),
 }
 
 

@@ -1,0 +1,89 @@
+"""How far surfaces are off, by where beams that graze them meet the first solid cell."""
+
+import math
+
+import numpy as np
+import pytest
+from support.strategies import fan
+
+from ogm_mcmc.config import ChainConfig, SamplerConfig, WindowConfig
+from ogm_mcmc.config.nodes import NodeModelConfig
+from ogm_mcmc.engine.grazing import HALF, SEEN_BEFORE, _spread, grazing_of, told
+from ogm_mcmc.engine.range_spread import Spread
+from ogm_mcmc.engine.sensor_fit import alike, fit_sensor
+from ogm_mcmc.geometry import CellBox, PlacedScan, Pose2D
+
+CELL = 0.1
+
+
+def scans_beside(wall_m, count=60):
+    """Scans along a wall on the left, that is met from square to grazing."""
+    bearings = math.pi / 2.0 + math.radians(2.0) * np.arange(-40, 41)
+    for number in range(count):
+        y = wall_m - 0.6 - 0.017 * (number % 30)
+        ranges = (wall_m - y) / np.sin(bearings)
+        scan = fan(*ranges, bearing=bearings[0], increment=math.radians(2.0))
+        yield PlacedScan.at(scan, Pose2D(0.013 * number, y))
+
+
+def found(wall_m):
+    """What beams say of a wall that makes the row of cells from 1.0 to 1.1 m solid."""
+    hits, misses = np.zeros((2, 40, 200), np.int64)
+    hits[10] = 5
+    box = CellBox(-100, 0, 100, 40)
+    return grazing_of(list(scans_beside(wall_m)), WindowConfig(CELL), hits, misses, box)
+
+
+def test_a_wall_that_begins_with_its_cells_is_not_off_and_one_far_in_them_is():
+    """Beams end where they enter the first cell, or far behind in the same row."""
+    near, far = found(1.001), found(1.095)
+    assert told(near) < 0.25 * told(far)
+    # A median of distances that hardly differ is taken for that of a Gaussian.
+    assert far.low_95 <= told(far) <= far.high_95 < 1.05 * 0.9 / HALF * CELL
+    assert far.low_95 > 0.8 * 0.9 / HALF * CELL
+    assert far.beams > 100
+
+
+def test_medians_on_paper():
+    slants, misses = np.array([0.1] * 101 + [2.0] * 401), np.zeros(502)
+    misses[:101] = 0.2
+    misses[101:] = np.linspace(-1.0, 1.0, 401) * 2.0
+    one = _spread(slants, misses, CELL)
+    known = 401 / (401 + SEEN_BEFORE)
+    across = math.sqrt(known * (1.0 - 0.2**2)) / HALF / 2.0
+    assert one.mean == pytest.approx(CELL * across, rel=0.01)
+    assert one.low_95 < one.mean < one.high_95
+    half, _, much = np.quantile(np.abs(misses[101:]), [0.5 - 0.05, 0.5, 0.5 + 0.05])
+    ends = np.sqrt(known * (np.array([half, much]) ** 2 - 0.2**2)) / HALF / 2.0 * CELL
+    assert (one.low_95, one.high_95) == pytest.approx(ends, rel=0.01)
+    assert told(one) == one.mean
+
+
+def test_what_chance_may_have_made_and_what_nobody_met_do_not_count():
+    slants, misses = np.array([0.1] * 9 + [2.0] * 9), np.full(18, 0.2)
+    misses[14:] = 3.0
+    few = _spread(slants, misses, CELL)
+    assert few.mean == few.low_95 == told(few) == 0.0
+    assert few.high_95 > 0.0
+    assert _spread(np.zeros(0), np.zeros(0), CELL) == Spread(0.0, None, 0, 0.0, 0.0)
+    assert told(Spread(0.1, 0.1, 9, 0.0, 0.3)) == 0.0
+
+
+def test_grazing_below_zero_is_found_where_readings_are_of_their_cells_and_a_number_holds():
+    scans = list(scans_beside(1.07))
+    window, given = WindowConfig(CELL), ChainConfig()
+    model, numbers = fit_sensor(scans, SamplerConfig(NodeModelConfig(sigma=0.03), window, given))
+    assert model.grazing == told(numbers.grazing) > 0.0
+    assert numbers.sigma is None
+    assert 'grazing 0.0' in str(numbers)
+    blurred = SamplerConfig(NodeModelConfig(sigma=0.09), window, given)
+    model, numbers = fit_sensor(scans, blurred)
+    assert (model.grazing, numbers.grazing) == (0.0, None)
+    fixed = SamplerConfig(NodeModelConfig(sigma=0.03, grazing=0.05), window, given)
+    assert fit_sensor(scans, fixed) == (fixed.model, None)
+
+
+def test_models_are_alike_where_grazing_changes_by_less_than_matters():
+    one = NodeModelConfig(sigma=0.03, grazing=0.02)
+    assert alike(one, NodeModelConfig(sigma=0.031, grazing=0.021))
+    assert not alike(one, NodeModelConfig(sigma=0.03, grazing=0.03))
