@@ -20,8 +20,8 @@ office, all beams    | .19 | .25 | .50 | 1.0 | 1.6 | 2.8
 building 9, all      | .06 | .12 | .12 | .12 | .06 | .12
 Intel                | .31 | .44 | .56 | .94 | 1.3 | 1.9
 
-Worlds made of cells of the lattice have nothing of it, and lose if it is forced on them (half a
-cell: F1 at 0.5 of `uma_236_237` .992 -> .975, building 9 .9998 -> .998). Intel has it by its
+Worlds made of cells of the lattice have nothing of it, and lose if it is forced on them (0.6 of a
+cell: F1 at 0.5 of `uma_236_237` .992 -> .972, building 9 .9998 -> .9976). Intel has it by its
 poses, which sigma there is of already: with half a cell 1.284 nats a beam instead of 1.288, 1.266
 with sigma lowered to 0.035 m (1.271 without grazing). So it counts as far as readings are of the
 cell that they end in (`blur_of`), and is not looked for where they are not; nor does it count

@@ -80,9 +80,12 @@ def test_what_was_found_out_about_the_sensor():
     assert list(sensor_values(SensorNumbers(clutter, None))) == [
         'clutter beams (share, 95 % interval)'
     ]
-    only = SensorNumbers(None, None, Spread(0.0193, 0.004, 81, 0.0117, 0.027))
+    only = SensorNumbers(
+        None, None, Spread(0.0193, 0.004, 81, 0.0117, 0.027), Spread(0.03, 0.0, 9, 0.02, 0.04)
+    )
     assert sensor_values(only) == {
-        'sigma of ranges (95 % interval)': '0.0193 m (0.0117 to 0.0270)'
+        'sigma of ranges (95 % interval)': '0.0193 m (0.0117 to 0.0270)',
+        'grazing (95 % interval)': '0.0300 m (0.0200 to 0.0400)',
     }
     assert sensor_values(None) == {}
 
