@@ -123,7 +123,7 @@ class WindowConfig:
 
 # Below so many rays, so many chains where nobody says how many. Patches: independent cells forget
 # in a few sweeps whatever they were.
-CHAINS_BELOW = ((20_000, 8), (60_000, 4))
+CHAINS_BELOW = ((2_000, 16), (20_000, 8), (60_000, 4))
 ENOUGH_CHAINS = 2
 CHAINS_SAID = ', '.join(
     [*(f'{chains} below {most}' for most, chains in CHAINS_BELOW), f'else {ENOUGH_CHAINS}']

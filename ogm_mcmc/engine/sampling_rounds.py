@@ -14,8 +14,10 @@ from ogm_mcmc.sampling import ChainQuality, PosteriorSampler
 
 __all__ = ['SamplingRounds']
 
-# Judging chains takes a look at every batch of every cell: at most this share of the time.
+# Judging chains takes a look at every batch of every cell: at most this share of the time. Before
+# it can end anything, and only says how far they are, at most the second.
 JUDGING_SHARE = 0.1
+EARLY_JUDGING_SHARE = 0.03
 
 # Fewer sweeps agree by chance.
 MIN_COUNTED = 64
@@ -70,7 +72,9 @@ class SamplingRounds:
                 reason = 'time'
             elif cancelled():
                 reason = 'cancelled'
-            due = (now - judged_at) * JUDGING_SHARE >= judging_s
+            early = sampler.counted < MIN_COUNTED
+            share = EARLY_JUDGING_SHARE if early else JUDGING_SHARE
+            due = (now - judged_at) * share >= judging_s
             if reason or due or 0 <= sampler.counted - MIN_COUNTED < n:
                 self._judge(sampler, stop)
                 judged_at = time.monotonic()

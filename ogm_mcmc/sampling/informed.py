@@ -25,12 +25,16 @@ import numpy as np
 
 from ogm_mcmc.arrays import AnyArray, BoolArray, Float32Array
 from ogm_mcmc.sampling.informed_kernels import mark_arrivals
+from ogm_mcmc.sampling.list_growth import side_by_side
 from ogm_mcmc.sampling.ray_index import RayIndex
 from ogm_mcmc.sampling.ray_index_kernels import WIDTH
 
 __all__ = ['arrival', 'known_cells', 'near']
 
 FREE_BELOW = 0.5
+
+# Of so many chains wait for the answer: each half in a thread of its own.
+MANY_RAYS = 10_000
 
 
 def arrival(
@@ -43,11 +47,20 @@ def arrival(
                  everywhere: 1 in all cells that rays could tell of, 0 in the others
     Chances below `least` count as 0.
     """
-    found = np.zeros(index.n_cells, np.float32)
-    mark_arrivals(
-        telling, probability, np.float32(least), index.rays, index.grid[WIDTH], found
-    )  # fmt: skip
-    return found
+    parts = 2 if index.n_rays >= MANY_RAYS else 1
+    found = np.zeros((parts, index.n_cells), np.float32)
+    cuts = [index.n_rays * part // parts for part in range(parts + 1)]
+
+    def mark(part: int) -> None:
+        rays = slice(cuts[part], cuts[part + 1])
+        mark_arrivals(
+            telling[rays], probability, np.float32(least), index.rays[rays], index.grid[WIDTH],
+            found[part],
+        )  # fmt: skip
+
+    side_by_side(mark, [(part,) for part in range(parts)])
+    largest: Float32Array = found[0] if parts == 1 else np.maximum(*found, out=found[0])
+    return largest
 
 
 def near(cells: BoolArray, margin: int) -> BoolArray:

@@ -115,6 +115,7 @@ def test_progress_tells_how_far_a_burn_in_agrees_and_no_run_ends_by_that():
 def test_chains_are_judged_as_soon_as_they_may_stop(monkeypatch):
     """Whatever share of the time judging may take."""
     monkeypatch.setattr(sampling_rounds, 'JUDGING_SHARE', 0.0)
+    monkeypatch.setattr(sampling_rounds, 'EARLY_JUDGING_SHARE', 0.0)
     refinement = taken(FIRST, burn_in=30)
     rounds = run(refinement, max_sweeps=500, r_hat=10.0, agreeing_share=0.0)
     assert [p.counted >= sampling_rounds.MIN_COUNTED for p in rounds[-2:]] == [False, True]

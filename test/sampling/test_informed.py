@@ -9,8 +9,9 @@ from support.strategies import fan
 
 from ogm_mcmc.config import ForwardModelConfig, WindowConfig
 from ogm_mcmc.geometry import CellBox, PlacedScan, Pose2D
-from ogm_mcmc.sampling import RayWindow
+from ogm_mcmc.sampling import RayWindow, informed
 from ogm_mcmc.sampling.informed import arrival, known_cells, near
+from ogm_mcmc.sampling.ray_line_kernels import SHAPE, place_of
 
 
 def window_of(*ranges, bearing=0.0, increment=0.4, **model):
@@ -55,6 +56,28 @@ def test_arrival_is_the_product_of_what_is_free_before():
     assert 0 < np.count_nonzero(found) < index.touched().size
     few = arrival(index, telling, p, 0.5)
     assert few == pytest.approx(np.where(expected >= 0.5, expected, 0.0), abs=1e-6)
+
+
+def test_arrival_is_the_same_by_both_halves_of_the_rays(monkeypatch):
+    """Whatever way rays go, corners between cells included, and wherever they begin."""
+    index = window_of(*[5.0, 3.2, 4.4] * 6, bearing=-math.pi, increment=math.pi / 8.0).index
+    p = np.random.default_rng(2).random(index.n_cells).astype(np.float32) * np.float32(0.3)
+    found = []
+    for many in (10**6, 1):
+        monkeypatch.setattr(informed, 'MANY_RAYS', many)
+        found.append(arrival(index, index.telling, p).tolist())
+    assert found[0] == found[1]
+    expected = np.zeros(index.n_cells)
+    rays = zip(naive.rays_of(index), index.telling.tolist(), index.rays, strict=True)
+    for ray, told, held in rays:
+        chance = 1.0
+        places = [int(place_of(held[SHAPE] >> 48, cell % 14, cell // 14)) for cell in ray.cells]
+        for cell, place in zip(ray.cells, places, strict=True):
+            if place >= places[0] + told:
+                break
+            expected[cell] = max(expected[cell], chance)
+            chance *= 1.0 - float(p[cell]) if p[cell] > 0.1 else 1.0
+    assert found[0] == pytest.approx(expected.tolist(), abs=1e-6)
 
 
 def test_near_counts_diagonals():
