@@ -50,9 +50,9 @@ LEAST_SWEEPS, MOST_ROUNDS = 16, 5
 
 Show = Callable[[dict[str, str]], None]
 
-# So many rays are swept often enough in the time that a demo may take.
+# So many rays are swept often enough, by so many chains, in the time that a demo may take.
 MOST_RAYS = 50_000
-BURN_IN = 10
+CHAINS, BURN_IN = 2, 10
 
 
 def add_to(subparsers: Subparsers) -> None:
@@ -193,6 +193,7 @@ def _refiner_arguments(options: argparse.Namespace, source: DemoInput, folder: P
         'window.max_range': mapping.max_range,
         'window.no_return': mapping.no_return,
         'window.beam_stride': _beam_stride(source),
+        'chain.chains': CHAINS,
         'chain.burn_in': BURN_IN,
         'max_scans': source.n_scans,
         'max_rays': source.n_scans * source.beams,

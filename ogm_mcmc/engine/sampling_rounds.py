@@ -11,16 +11,22 @@ from ogm_mcmc.config import StopConfig
 from ogm_mcmc.engine.progress import Progress
 from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.sampling import ChainQuality, PosteriorSampler
+from ogm_mcmc.sampling.diagnostics import FEWEST_IN_GROUPS
 
-__all__ = ['SamplingRounds']
+__all__ = ['SamplingRounds', 'least_counted']
 
 # Judging chains takes a look at every batch of every cell: at most this share of the time. Before
 # it can end anything, and only says how far they are, at most the second.
 JUDGING_SHARE = 0.1
 EARLY_JUDGING_SHARE = 0.03
 
-# Fewer sweeps agree by chance.
+# Fewer sweeps agree by chance; of chains that are judged in groups half of them do.
 MIN_COUNTED = 64
+
+
+def least_counted(n_chains: int) -> int:
+    """Return how many sweeps of each of so many chains have to count before they may agree."""
+    return MIN_COUNTED if n_chains < FEWEST_IN_GROUPS else MIN_COUNTED // 2
 
 
 class SamplingRounds:
@@ -56,7 +62,7 @@ class SamplingRounds:
     ) -> Iterator[Progress]:
         began, done, per_round = time.monotonic(), 0, 1
         judged_at, judging_s = began, 0.0
-        reason = ''
+        reason, least = '', least_counted(len(sampler.states))
         while not reason:
             started = time.monotonic()
             n = min(per_round, stop.max_sweeps - done)
@@ -72,14 +78,14 @@ class SamplingRounds:
                 reason = 'time'
             elif cancelled():
                 reason = 'cancelled'
-            early = sampler.counted < MIN_COUNTED
+            early = sampler.counted < least
             share = EARLY_JUDGING_SHARE if early else JUDGING_SHARE
             due = (now - judged_at) * share >= judging_s
-            if reason or due or 0 <= sampler.counted - MIN_COUNTED < n:
+            if reason or due or 0 <= sampler.counted - least < n:
                 self._judge(sampler, stop)
                 judged_at = time.monotonic()
                 judging_s = judged_at - now
-                if not reason and self._converged(stop, sampler.counted):
+                if not reason and sampler.counted >= least and self._converged(stop):
                     reason = 'converged'
             yield self._progress(sampler, done, time.monotonic() - began, stop, reason)
 
@@ -89,11 +95,10 @@ class SamplingRounds:
         if self.quality is None and stop.r_hat > 0.0:
             self._settling_share = sampler.settling_share(stop.r_hat)
 
-    def _converged(self, stop: StopConfig, counted: int) -> bool:
+    def _converged(self, stop: StopConfig) -> bool:
         return (
             self.quality is not None
             and stop.r_hat > 0.0
-            and counted >= MIN_COUNTED
             and self.quality.agreeing_share(stop.r_hat) >= stop.agreeing_share
         )
 

@@ -18,6 +18,7 @@ __all__ = [
     'ChainQuality',
     'agreeing_share',
     'assess',
+    'in_groups',
     'later_halves',
     'later_mean',
     'split_r_hat',
@@ -25,6 +26,9 @@ __all__ = [
 
 MAX_BATCHES = 16
 LARGEST_UINT16 = 65_535
+
+FEWEST_IN_GROUPS = 4
+"""So many chains are judged in two groups."""
 
 # A cell this near to 0 or 1 is decided; the others say how well chains mix.
 DECIDED = 0.01
@@ -161,7 +165,8 @@ def split_r_hat(means: Float64Array, length: int) -> Float32Array:
 def assess(chains: list[BatchCounts]) -> ChainQuality | None:
     """Judge chains of equal length; None while a batch is one sweep (fewer than 16 sweeps).
 
-    R-hat compares the first and the last half of every chain. The variance of the mean is the
+    R-hat compares the first and the last half of every chain, of many chains those of two groups
+    (see `in_groups`). The variance of the mean is the
     larger of two estimates: from the batches, which is steady but knows nothing of what stays
     correlated for longer than a batch, and from the half chains, which also sees chains that
     disagree. ESS is what independent draws would have that variance, at most the draws there are,
@@ -219,7 +224,25 @@ def _assessed(chains: list[AnyArray], length: int) -> tuple[AnyArray, ...]:
     with np.errstate(divide='ignore', invalid='ignore'):
         ess = mean * (1.0 - mean) / variance
     ess = np.clip(np.nan_to_num(ess, nan=draws, posinf=draws), 1.0, draws)
-    return split_r_hat(halves, half * length), ess, _errors(mean, ess), mean
+    means, together = in_groups(halves)
+    return split_r_hat(means, half * length * together), ess, _errors(mean, ess), mean
+
+
+def in_groups(halves: Float64Array) -> tuple[Float64Array, int]:
+    """Return means (4, C) of the halves of two groups of chains, and how many are in a group.
+
+    halves  (2 n, C) means of the first and the last half of each of n chains in turn
+    The more chains there are the fewer sweeps of each their common mean needs, but R-hat of single
+    chains asks of each that it is long, and of more that none of them differs. So every other
+    chain makes one long one (nested R-hat, Margossian et al. 2024), and the limit says of the mean
+    of all what it says of that of two. Fewer than four chains, or an odd number, stay alone.
+    """
+    n_chains, n_cells = len(halves) // 2, halves.shape[1]
+    if n_chains < FEWEST_IN_GROUPS or n_chains % 2:
+        return halves, 1
+    together = n_chains // 2
+    means = halves.reshape(together, 2, 2, n_cells).mean(axis=0)
+    return means.reshape(4, n_cells), together
 
 
 def _errors(mean: Float64Array, ess: Float64Array) -> Float64Array:

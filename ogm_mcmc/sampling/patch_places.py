@@ -55,7 +55,7 @@ prior takes them.
 
 Decision. No longer burn-in, no moves for blocks: they would be faster at what is worse. A prior
 that does not fill what nobody saw would come first. What differs from run to run is the history of
-two chains; means of eight differ less (docs/results.md, "Start").
+two chains; means of more differ less, and are the default there (docs/results.md, "Start").
 """
 
 from __future__ import annotations

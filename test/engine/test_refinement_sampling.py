@@ -19,6 +19,7 @@ from ogm_mcmc.config import (
 )
 from ogm_mcmc.engine import sampling_rounds
 from ogm_mcmc.engine.refinement import Refinement
+from ogm_mcmc.engine.sampling_rounds import least_counted
 from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.lab.exact import enumerate_maps
 from ogm_mcmc.sampling import PosteriorSampler, RayWindow
@@ -120,6 +121,15 @@ def test_chains_are_judged_as_soon_as_they_may_stop(monkeypatch):
     rounds = run(refinement, max_sweeps=500, r_hat=10.0, agreeing_share=0.0)
     assert [p.counted >= sampling_rounds.MIN_COUNTED for p in rounds[-2:]] == [False, True]
     assert rounds[-1].reason == 'converged'
+
+
+def test_many_chains_may_agree_after_half_of_the_sweeps():
+    assert [least_counted(n) for n in (1, 2, 3, 4, 16)] == [64, 64, 64, 32, 32]
+    rounds = run(
+        taken(FIRST, burn_in=10, chains=4), max_sweeps=200, r_hat=10.0, agreeing_share=0.0
+    )
+    assert rounds[-1].reason == 'converged'
+    assert 32 <= rounds[-1].counted < 64
 
 
 def test_limits_that_contradict_each_other_are_refused_at_once():

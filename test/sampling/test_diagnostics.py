@@ -142,6 +142,29 @@ def test_r_hat_of_an_odd_number_of_batches_leaves_out_the_middle():
     assert found == approx([gelman_rubin(halves[:, :, c]) for c in range(4)], rel=1e-5)
 
 
+@pytest.mark.parametrize('n_chains', [4, 8, 5])
+def test_many_chains_are_judged_as_two_long_ones(n_chains):
+    """Every other one after the other, first halves and last halves; an odd number as they are."""
+    n = 64
+    rng = np.random.default_rng(n_chains)
+    chains = [switching(rng, n, 0.1, 0.2, n_cells=20) for _ in range(n_chains)]
+    found = assess([filled(chain) for chain in chains]).r_hat
+    groups = [chains[0::2], chains[1::2]] if n_chains % 2 == 0 else [[one] for one in chains]
+    halves = np.array(
+        [
+            np.concatenate([one[part] for one in group])
+            for group in groups
+            for part in (slice(0, n // 2), slice(n // 2, n))
+        ]
+    )
+    length = halves.shape[1]
+    assert length == (n // 2 * (n_chains // 2) if n_chains % 2 == 0 else n // 2)
+    within = (halves.mean(axis=1) * (1.0 - halves.mean(axis=1))).mean(axis=0)
+    within *= length / (length - 1.0)
+    expected = np.sqrt((length - 1.0) / length + halves.mean(axis=1).var(axis=0, ddof=1) / within)
+    assert found == approx(expected, rel=1e-5)
+
+
 def test_chains_that_are_stuck():
     """Apart: no agreement whatsoever. Together: nothing to disagree about."""
     zeros, ones = np.zeros((64, 1), np.uint8), np.ones((64, 1), np.uint8)
