@@ -59,7 +59,7 @@ def arrival(
         )  # fmt: skip
 
     side_by_side(mark, [(part,) for part in range(parts)])
-    largest: Float32Array = found[0] if parts == 1 else np.maximum(*found, out=found[0])
+    largest: Float32Array = found.max(axis=0) if parts > 1 else found[0]
     return largest
 
 
