@@ -3,6 +3,7 @@
 import numpy as np
 from numba import njit
 
+from ogm_mcmc.geometry.traversal_kernels import SHIFT
 from ogm_mcmc.sampling.ray_line_kernels import (
     BEGINS_LEFT,
     BORDER,
@@ -11,7 +12,6 @@ from ogm_mcmc.sampling.ray_line_kernels import (
     LOW_32,
     RIGHTWARDS,
     SHAPE,
-    SHIFT,
     SLOPE,
     START,
     UPWARDS,
