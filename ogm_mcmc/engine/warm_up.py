@@ -30,11 +30,8 @@ def warm_up_sampling(config: SamplerConfig) -> int:
 
     Returns the sweeps done on a window of one scan.
     """
-    first, second = _two_scans(config.window.resolution)
     refinement = Refinement(replace(config, window=replace(config.window, beam_stride=1)))
-    # The second time extends the index, the third merges beams that are equal: each takes kernels
-    # of its own.
-    for scans in ([first], [first, second], [first, second, first]):
+    for scans in _changing_windows(config.window.resolution):
         refinement.take(scans)
         done = list(refinement.run(StopConfig(max_sweeps=config.chain.burn_in + 1)))
     refinement.known_map()
@@ -49,13 +46,12 @@ def warm_up_chains(config: SamplerConfig) -> int:
     two processes that compile a kernel for different types at the same time, and these have none
     in common. Returns the sweeps done.
     """
-    first, second = _two_scans(config.window.resolution)
     window = replace(config.window, beam_stride=1, no_return='clear')
     chain = replace(config.chain, sensor='given')
     refinement = Refinement(replace(config, window=window, chain=chain))
     start = GridMap(refinement.window.spec, np.zeros((1, 1), np.float32))  # no map is made for it
-    for scans in ([first], [first, second], [first, second, first]):
-        refinement.take(scans, start)
+    for scans in _changing_windows(config.window.resolution):
+        refinement.take(scans, start if refinement.sampler is None else None)
         done = list(refinement.run(StopConfig(max_sweeps=config.chain.burn_in + 1)))
         if refinement.sampler is not None:
             cells = [state.cells for state in refinement.sampler.states]
@@ -71,6 +67,16 @@ def warm_up_maps(config: SamplerConfig) -> None:
     reflection_map(scans, window)
     fit_sensor(scans, replace(config, window=window))
     slants_of(scans[0].scan, window.resolution)
+
+
+def _changing_windows(resolution_m: float) -> list[list[PlacedScan]]:
+    """Return the scans of windows, each of which takes kernels of its own after the last one.
+
+    The second extends the index, the third merges beams that are equal, the last drops some.
+    """
+    first, second = _two_scans(resolution_m)
+    again = first._replace()
+    return [[first], [first, second], [first, second, again], [second, again]]
 
 
 def _two_scans(resolution_m: float) -> list[PlacedScan]:

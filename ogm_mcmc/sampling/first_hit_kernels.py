@@ -1,11 +1,20 @@
-"""The kernel that finds what rays hit first; records are described in `gibbs_kernels`."""
+"""Kernels that find what rays hit first; records are described in `gibbs_kernels`."""
 
 import numpy as np
 
 from ogm_mcmc.sampling.borrowed_arrays import borrowed
 from ogm_mcmc.sampling.gibbs_kernels import UNTOLD
 from ogm_mcmc.sampling.kernel_options import kernel
-from ogm_mcmc.sampling.ray_index_kernels import NOTHING, WIDTH, likelihood_there
+from ogm_mcmc.sampling.ray_index_kernels import (
+    FRONT,
+    NEAR,
+    NOTHING,
+    WIDTH,
+    likelihood_there,
+    list_of,
+    reaches_in_front,
+    tile_of,
+)
 from ogm_mcmc.sampling.ray_line_kernels import (
     BORDER,
     LOW_16,
@@ -61,6 +70,28 @@ def find_first_hits(
             )
         records[ray, 0] = place if cell >= 0 else NOTHING
         bits[ray, 1] = value
+
+
+@kernel
+def mark_through(
+    places, marks, lists, full, near, front, tiles, runs, run_lengths, rays, grid, through
+):  # fmt: skip
+    """Mark `through` (N,) bool the rays that cross some cells (n,) int64."""
+    for cell in places:
+        row, column = cell // grid[WIDTH], cell % grid[WIDTH]
+        number = list_of(cell, marks)
+        if number >= 0:
+            for i in range(lists[number, NEAR], lists[number + 1, NEAR]):
+                through[near[i, 0] >> 2] = True
+        if number >= 0 and full[number]:
+            for i in range(lists[number, FRONT], lists[number + 1, FRONT]):
+                through[front[i] >> 2] = True
+        else:
+            tile = tile_of(column, row, grid)
+            for i in range(tiles[tile], tiles[tile + 1]):
+                for ray in range(runs[i], runs[i] + run_lengths[i]):
+                    if not through[ray] and reaches_in_front(ray, column, row, rays):
+                        through[ray] = True
 
 
 @kernel

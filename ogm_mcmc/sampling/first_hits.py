@@ -6,11 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ogm_mcmc.arrays import AnyArray, BoolArray, UInt8Array
+from ogm_mcmc.arrays import AnyArray, UInt8Array
 from ogm_mcmc.geometry import GridSpec
-from ogm_mcmc.sampling.first_hit_kernels import find_first_hits
+from ogm_mcmc.sampling.first_hit_kernels import find_first_hits, mark_through
 from ogm_mcmc.sampling.ray_index import RayIndex
-from ogm_mcmc.sampling.ray_index_kernels import FRONT, NEAR, NOTHING, WIDTH, find_front, list_of
+from ogm_mcmc.sampling.ray_index_kernels import NOTHING
 from ogm_mcmc.sampling.ray_line_kernels import RIGHTWARDS, SHAPE, UPWARDS
 
 __all__ = ['HitsBefore', 'first_hits']
@@ -68,30 +68,12 @@ def first_hits(cells: UInt8Array, index: RayIndex, before: HitsBefore | None = N
     if before is not None and (closed := before.closed(cells)).size <= MOST_CLOSED:
         known = before.moved(index)
         records[: len(known)] = known
-        through = _through(closed, index)
+        through = np.zeros(index.n_rays, np.bool_)
         through[before.again] = True
+        mark_through(
+            closed, index.marks, index.lists, index.full, index.near, index.front, index.tiles,
+            index.runs, index.run_lengths, index.rays, index.grid, through,
+        )  # fmt: skip
         kept = (~through[: len(known)]).view(np.uint8)
     find_first_hits(cells, kept, records, records.view(np.float32), *index.arrays())
     return records
-
-
-def _through(cells: AnyArray, index: RayIndex) -> BoolArray:
-    """Return which rays (N,) cross some cells (n,)."""
-    through = np.zeros(index.n_rays, np.bool_)
-    found = np.empty(index.n_rays if cells.size else 0, np.int32)
-    for cell in cells.tolist():
-        number = list_of(cell, index.marks)
-        row, column = divmod(cell, int(index.grid[WIDTH]))
-        if number >= 0:
-            begin, end = index.lists[number : number + 2, NEAR]
-            through[index.near[begin:end, 0] >> 2] = True
-        if number >= 0 and index.full[number]:
-            begin, end = index.lists[number : number + 2, FRONT]
-            through[index.front[begin:end] >> 2] = True
-        else:
-            count = find_front(
-                column, row, index.tiles, index.runs, index.run_lengths, index.rays, index.grid,
-                found,
-            )  # fmt: skip
-            through[found[:count] >> 2] = True
-    return through

@@ -10,9 +10,10 @@ from ogm_mcmc.config import ChainConfig, PatchConfig, SamplerConfig, StopConfig,
 from ogm_mcmc.engine.recording import fingerprint
 from ogm_mcmc.engine.refinement import Refinement
 from ogm_mcmc.engine.saved_chains import save_chains
-from ogm_mcmc.engine.warm_up import warm_up_sampling
+from ogm_mcmc.engine.warm_up import warm_up_chains, warm_up_sampling
 from ogm_mcmc.errors import WindowError
 from ogm_mcmc.geometry import PlacedScan, Pose2D, PoseBelief
+from ogm_mcmc.sampling import first_hits, ray_dropping
 from ogm_mcmc.sampling.estimates import hide_uncertain
 
 CONFIG = SamplerConfig(window=WindowConfig(resolution=0.2), chain=ChainConfig(burn_in=20))
@@ -203,7 +204,7 @@ def test_warm_up_merges_beams(monkeypatch):
 
     monkeypatch.setattr(Refinement, 'run', noted)
     warm_up_sampling(SamplerConfig(chain=ChainConfig(burn_in=3)))
-    assert merged[-1] > 0
+    assert merged[-2] > 0  # the last window has one scan there
 
 
 def test_what_chance_may_do_is_not_shown():
@@ -225,3 +226,24 @@ def test_what_chance_may_do_is_not_shown():
     for (margin, draws), expected in cases.items():
         shown = hide_uncertain(grid_map, 0.2, margin, draws).probability[0]
         assert np.array_equal(shown, np.array(expected, np.float32), equal_nan=True), margin
+
+
+@pytest.mark.parametrize('warm_up', [warm_up_sampling, warm_up_chains])
+def test_warm_up_takes_scans_out_and_keeps_first_hits(monkeypatch, warm_up):
+    called = []
+
+    def seen(module, name):
+        real = getattr(module, name)
+
+        def one(*args):
+            called.append(name)
+            return real(*args)
+
+        monkeypatch.setattr(module, name, one)
+
+    names = ['drop_entries', 'drop_runs', 'look_again', 'take_gains']
+    for name in names:
+        seen(ray_dropping, name)
+    seen(first_hits, 'mark_through')
+    warm_up(SamplerConfig(chain=ChainConfig(burn_in=3)))
+    assert set(called) == {*names, 'mark_through'}
