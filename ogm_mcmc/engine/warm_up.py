@@ -35,7 +35,7 @@ def warm_up_sampling(config: SamplerConfig) -> int:
         refinement.take(scans)
         done = list(refinement.run(StopConfig(max_sweeps=config.chain.burn_in + 1)))
     refinement.known_map()
-    slants_of(first.scan, config.window.resolution)
+    slants_of(_two_scans(config.window.resolution)[0].scan, config.window.resolution)
     return done[-1].sweeps
 
 
