@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -28,7 +29,12 @@ __all__ = ['add_to']
 
 def add_to(subparsers: Subparsers) -> None:
     """Declare the command."""
-    parser = subparsers.add_parser('experiment', help="reproduce a paper's table or figure")
+    parser = subparsers.add_parser(
+        'experiment',
+        help="reproduce a paper's table or figure",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        epilog=_subjects(),
+    )
     parser.add_argument('name', choices=sorted(EXPERIMENTS), help='which one')
     parser.add_argument('--quick', action='store_true', help="minutes instead of the paper's size")
     parser.add_argument('--seed', type=int, default=1)
@@ -38,6 +44,15 @@ def add_to(subparsers: Subparsers) -> None:
     add_scheduler(parser, f'; for {", ".join(SPREAD)}')
     add_json(parser)
     parser.set_defaults(run=run)
+
+
+def _subjects() -> str:
+    """Say of each experiment what it is about: the first line of its module."""
+    lines = ['what they are about (papers by their keys, see the README):']
+    for name, function in sorted(EXPERIMENTS.items()):
+        about = (sys.modules[function.__module__].__doc__ or '').partition('\n')[0]
+        lines.append(f'  {name:26}{about}')
+    return '\n'.join(lines)
 
 
 def run(options: argparse.Namespace) -> int:

@@ -30,6 +30,15 @@ def test_files_and_text(tmp_path, monkeypatch, capsys):
     assert json.loads((tmp_path / 'there' / 'result.json').read_text()) == again
 
 
+def test_help_says_what_each_is_about(capsys):
+    with pytest.raises(SystemExit):
+        run(['experiment', '-h'])
+    lines = capsys.readouterr().out.splitlines()
+    for name in EXPERIMENTS:
+        (about,) = [line for line in lines if line.split()[:1] == [name]]
+        assert len(about.split()) > 5, name
+
+
 @pytest.mark.parametrize('name', sorted(EXPERIMENTS))
 def test_every_experiment_keeps_the_agreement(name):
     parameters = inspect.signature(EXPERIMENTS[name]).parameters
