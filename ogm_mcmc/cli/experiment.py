@@ -19,6 +19,7 @@ from ogm_mcmc.cli.options import (
 )
 from ogm_mcmc.errors import ConfigError, require
 from ogm_mcmc.files.output_files import folder_to_fill, refuse_folder, replacing
+from ogm_mcmc.files.saying import say
 from ogm_mcmc.lab.experiments import EXPERIMENTS, SPREAD, make_page
 from ogm_mcmc.lab.experiments.datasets import using_executor
 from ogm_mcmc.lab.experiments.results import table_text
@@ -77,7 +78,12 @@ def _run_into(folder: Path, options: argparse.Namespace) -> int:
         refuse_folder(path)
     started = time.perf_counter()
     with connected(options.scheduler) as executor, using_executor(executor):
-        found = EXPERIMENTS[options.name](folder, quick=options.quick, seed=options.seed)
+        try:
+            found = EXPERIMENTS[options.name](folder, quick=options.quick, seed=options.seed)
+        except KeyboardInterrupt:
+            if any((folder / 'datasets').glob('*.json')):
+                say(f'what is finished is kept in {folder}: the same command goes on from there')
+            raise
     result: dict[str, Any] = {
         'name': options.name,
         'quick': options.quick,

@@ -39,6 +39,22 @@ def test_help_says_what_each_is_about(capsys):
         assert len(about.split()) > 5, name
 
 
+@pytest.mark.parametrize('finished', [0, 1])
+def test_who_interrupts_is_told_that_finished_parts_are_kept(
+    tmp_path, monkeypatch, capsys, finished
+):
+    def interrupted(folder, **_):
+        (folder / 'datasets').mkdir()
+        for number in range(finished):
+            (folder / 'datasets' / f'{number}.json').touch()
+        raise KeyboardInterrupt
+
+    monkeypatch.setitem(EXPERIMENTS, 'collisions', interrupted)
+    assert run(['experiment', 'collisions', '-o', str(tmp_path / 'out')]) == 130
+    said = capsys.readouterr().err
+    assert said.count('the same command goes on from there') == finished
+
+
 @pytest.mark.parametrize('name', sorted(EXPERIMENTS))
 def test_every_experiment_keeps_the_agreement(name):
     parameters = inspect.signature(EXPERIMENTS[name]).parameters
