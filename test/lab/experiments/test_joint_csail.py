@@ -17,14 +17,14 @@ SETTINGS = TrajectoryConfig(draws=2)
 
 @pytest.fixture
 def believed() -> list[Believed]:
-    """A drive; each belief has thirty particles around where the localizer puts the scan."""
+    """A drive; each belief has fifteen particles around where the localizer puts the scan."""
     truth, placed = noisy_drive()
     rng = np.random.default_rng(9)
     found = []
     for one, pose in zip(placed, poses_of(truth), strict=True):
         mean = one.belief.mean
         around = np.array([mean.x_m, mean.y_m, mean.yaw_rad])
-        drawn = around + rng.normal(size=(30, 3)) * (0.06, 0.06, 0.03)
+        drawn = around + rng.normal(size=(15, 3)) * (0.06, 0.06, 0.03)
         particles = PoseSamples.checked(drawn)
         belief = PoseBelief(particles.mean(), None, particles)
         found.append(Believed(one._replace(belief=belief), pose))
@@ -41,6 +41,9 @@ def test_held_out_beams_move_no_pose_and_judge(believed: list[Believed]) -> None
     assert nats[joint_csail.WEIGHTED] > nats[joint_csail.ALL] + 0.05
     assert nats[joint_csail.SPREAD] > nats[joint_csail.MEAN] + 0.2
     assert maps[joint_csail.SPREAD].poses is maps[joint_csail.JOINT].poses
+    rows = joint_csail.rows_as_taken(believed, refinement)  # all at once here
+    assert [line['ours'] for line in rows[-2:]] == [0.0, 0.0]
+    assert [line['ours'] for line in rows[:-2:2]] == list(nats.values())
     areas = {name: joint_csail.area_of_points(believed, one) for name, one in maps.items()}
     assert 1.0 > areas[joint_csail.JOINT] > areas[joint_csail.MEAN] > 0.5
     for one in believed:
