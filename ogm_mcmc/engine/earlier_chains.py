@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from ogm_mcmc.arrays import UInt8Array
 from ogm_mcmc.engine.warp import laid_on
-from ogm_mcmc.geometry import GridSpec
+from ogm_mcmc.geometry import GridSpec, PlacedScan
 from ogm_mcmc.sampling import PosteriorSampler
 
 __all__ = ['EarlierChains']
@@ -27,12 +28,16 @@ class EarlierChains(NamedTuple):
     counted: bool
 
     @classmethod
-    def of(cls, sampler: PosteriorSampler, spec: GridSpec, prior: float) -> EarlierChains:
-        """Return what chains of a window leave; nothing of it holds the sampler.
+    def of(
+        cls, sampler: PosteriorSampler | None, spec: GridSpec, prior: float
+    ) -> EarlierChains | None:
+        """Return what chains of a window leave, if there are any; nothing holds the sampler.
 
         Cells that no chain has drawn yet begin as the prior has it. The solid that surrounds
         patches would not do: from a block a ray has to pass chains wear off the rim only.
         """
+        if sampler is None:
+            return None
         elsewhere, touched, maps = int(prior >= 0.5), sampler.model.touched, []
         for state in sampler.states:
             cells = np.full_like(state.cells, elsewhere)
@@ -43,3 +48,9 @@ class EarlierChains(NamedTuple):
     def maps_on(self, spec: GridSpec) -> list[UInt8Array]:
         """Return the maps (K,) where their cells are on another window of the lattice."""
         return [laid_on(cells, self.spec, spec, self.elsewhere) for cells in self.maps]
+
+    def know(self, taken: Sequence[PlacedScan], scans: Sequence[PlacedScan]) -> bool:
+        """Return whether sweeps counted, with all but a tenth of these scans among those taken."""
+        names = {id(one.scan) for one in taken}
+        new = sum(id(one.scan) not in names for one in scans)
+        return self.counted and 10 * new <= len(scans)

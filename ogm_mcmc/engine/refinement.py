@@ -129,7 +129,7 @@ class Refinement:
                 grows = grows and may_stay(self.model, model)
                 if not grows:
                     self.model, self.sensor = model, sensor
-            earlier = self._earlier()
+            earlier = EarlierChains.of(self.sampler, self.window.spec, self.config.chain.prior)
             on = self.sampler if grows else None
             window, dropped = self._indexed(scans, change if grows else None)
             moved = None if change.extends else moved_cells(window.spec, self._taken, scans)
@@ -140,7 +140,8 @@ class Refinement:
                 moved = np.ones_like(moved)
             as_before = as_before or moved is not None
             same = self.no_return.value == held[0].value and as_before
-            soon = same and start is None and self._knows(scans, earlier)
+            known = earlier is not None and earlier.know(self._taken, scans)
+            soon = same and start is None and known
             sampler = self._begun(window, scans, start, (earlier, moved, soon), grown)
         except BaseException:
             self.no_return, self.model, self.sensor = held
@@ -157,12 +158,6 @@ class Refinement:
         """Hold no scan and no chain, as in the beginning."""
         self.window, self._taken = self._empty_window(), []
         self.sampler, self.rounds = None, SamplingRounds()
-
-    def _earlier(self) -> EarlierChains | None:
-        """Return what the chains of now leave to others, if there are any."""
-        if self.sampler is None:
-            return None
-        return EarlierChains.of(self.sampler, self.window.spec, self.config.chain.prior)
 
     def _indexed(
         self, scans: Sequence[PlacedScan], change: WindowChange | None
@@ -258,12 +253,6 @@ class Refinement:
             sampler.rngs[: len(earlier.rngs)] = earlier.rngs[: len(starts)]
         return sampler
 
-    def _knows(self, scans: Sequence[PlacedScan], earlier: EarlierChains | None) -> bool:
-        """Return whether earlier chains counted on all but a tenth of these scans, or more."""
-        taken = {id(one.scan) for one in self._taken}
-        new = sum(id(one.scan) not in taken for one in scans)
-        return earlier is not None and earlier.counted and 10 * new <= len(scans)
-
     # -- sampling ---------------------------------------------------------------------------
 
     def run(
@@ -305,8 +294,8 @@ class Refinement:
         """Go on from a saved state instead of the start that `take` made.
 
         What its beams were found to be like holds, too: a window that grew keeps what its first
-        scans told. Raises WindowError, with nothing changed, when the file is no such file, or was
-        written for other scans or settings.
+        scans told. Raises WindowError, with chains as `take` makes them, when the file is no such
+        file, or was written for other scans or settings.
         """
         if self.sampler is None:
             raise WindowError('no scan was taken: take those of the saved state first')
@@ -318,18 +307,22 @@ class Refinement:
 
         saved = saved_settings(path)
         accept(saved)
-        held, posterior = (self.model, self.sensor, self.window), self.sampler.model
-        self._index_spent = False
+        held, self._index_spent = (self.model, self.sensor), False
         try:
             self.model, self.sensor, told = saved_beams(path, saved.get(FOUND), self.config.model)
             if self.model != held[0]:
                 self.window, _ = self._indexed(self._taken, None)
                 posterior = self._posterior(self.window, None)
+            else:
+                posterior = self.sampler.model
             sampler, _ = load_chains(path, posterior, accept)
-        except BaseException:
-            self.model, self.sensor, self.window = held
+        except BaseException as error:
+            self.model, self.sensor = held
             if self._index_spent:
+                scans = self._taken
                 self._take_nothing()
+                if isinstance(error, WindowError):
+                    self.take(scans)
             raise
         self._told, self._came = told, max(len(self._taken) - told, 0)
         self.sampler, self.rounds = sampler, SamplingRounds()

@@ -11,6 +11,7 @@ from support.refinements import run, scan_at, settings
 from ogm_mcmc.config import PatchConfig
 from ogm_mcmc.engine import refinement as refinement_module
 from ogm_mcmc.engine.refinement import Refinement
+from ogm_mcmc.errors import WindowError
 from ogm_mcmc.sampling.first_hits import first_hits
 
 PRIORS = {
@@ -96,3 +97,27 @@ def test_where_most_scans_went_all_is_built_anew(monkeypatch):
     assert refinement.window.n_beams == 8 * 5
     refinement.take([SCANS[12], *SCANS[5:12]])
     assert refinement.holds([SCANS[12], *SCANS[5:12]])
+
+
+def test_where_a_state_cannot_be_taken_up_chains_begin_as_without_it(monkeypatch, tmp_path):
+    """Also where its sensor is another one: the index is built for it, and once more."""
+    refinement = begun('single')
+    refinement.take(SCANS[:8])
+    run(refinement, max_sweeps=12)
+    refinement.save(tmp_path / 'state')
+    other = begun('single')
+    other.take(SCANS[:8])
+    expected = [state.cells.tolist() for state in other.sampler.states]
+    found = replace(other.model, sigma=0.5), None, 8
+    monkeypatch.setattr(refinement_module, 'saved_beams', lambda *_: found)
+
+    def fails(*_):
+        assert other.sampler is None  # the index of before is no longer there
+        raise WindowError('cut short')
+
+    monkeypatch.setattr(refinement_module, 'load_chains', fails)
+    with pytest.raises(WindowError, match='cut short'):
+        other.resume(tmp_path / 'state')
+    assert other.holds(SCANS[:8])
+    assert [state.cells.tolist() for state in other.sampler.states] == expected
+    assert other.model == refinement.model
