@@ -15,14 +15,14 @@ from ogm_mcmc.engine.prior_files import Prior, default_prior_file, load_prior
 from ogm_mcmc.engine.warp import laid_on
 from ogm_mcmc.errors import PriorError
 from ogm_mcmc.files.user_paths import user_path
-from ogm_mcmc.geometry import GridSpec
+from ogm_mcmc.geometry import GridSpec, PlacedScan
 from ogm_mcmc.sampling import CellModel, GibbsState, PosteriorModel, RayWindow
 from ogm_mcmc.sampling.first_hits import HitsBefore
 from ogm_mcmc.sampling.patch_gibbs import PatchModel
 from ogm_mcmc.sampling.patch_prior import PatchTable, make_table
 from ogm_mcmc.sampling.ray_window import Dropped
 
-__all__ = ['Grown', 'PatchPrior', 'patch_prior', 'posterior_model']
+__all__ = ['Grown', 'PatchPrior', 'patch_prior', 'posterior_model', 'posterior_of']
 
 
 class PatchPrior(NamedTuple):
@@ -65,7 +65,7 @@ class Grown(NamedTuple):
         """Return what rays that stayed hit first in each chain, for the window as it is now."""
         here, again = window.spec, window.said_more
         found = []
-        for cells, records in self.states:
+        for cells, records, _ in self.states:
             if self.dropped is not None:
                 records = records[self.dropped.staying]
             found.append(HitsBefore(cells, self.spec, records, here, again))
@@ -104,6 +104,19 @@ def posterior_model(
         flip_cells=not everywhere and patch.random_share == 0.0,
         known=None if grown_from is None else grown_from.known(window.spec),
     )
+
+
+def posterior_of(
+    config: SamplerConfig, scans: Sequence[PlacedScan]
+) -> tuple[RayWindow, PosteriorModel]:
+    """Return the rays of scans and their posterior, as `Refinement` has them, without chains.
+
+    For settings of which nothing has to be found out, see `Refinement.found_settings`.
+    """
+    margin = config.patch.window_margin
+    window = RayWindow(config.window, config.model, margin=margin, merge=True)
+    window.add(scans)
+    return window, posterior_model(config, window, patch_prior(config).table)
 
 
 @lru_cache(maxsize=4)

@@ -35,6 +35,7 @@ import numpy as np
 
 from ogm_mcmc.arrays import UInt8Array
 from ogm_mcmc.config import SamplerConfig
+from ogm_mcmc.engine.posterior import posterior_of
 from ogm_mcmc.engine.refinement import Refinement
 from ogm_mcmc.errors import PriorError, WindowError
 from ogm_mcmc.files.user_paths import user_path
@@ -207,17 +208,14 @@ def _model_of(problem: Problem, parcel: bytes) -> PosteriorModel:
 def _built(problem: Problem, parcel: bytes) -> PosteriorModel:
     scans, (config, prior) = unpack(parcel)
     with prior_at_hand(config, prior) as here:
-        refinement = Refinement(here)
-        refinement.take(scans)
-    sampler = refinement.sampler
-    assert sampler is not None
-    found = refinement.size.n_rays, sampler.model.n_cells
+        window, model = posterior_of(here, scans)
+    found = window.index.n_rays, model.n_cells
     if found != (problem.n_rays, problem.n_cells):
         raise WindowError(
             f'{found[0]} rays in {found[1]} cells on a worker: expected the '
             f'{problem.n_rays} in {problem.n_cells} of the window at home'
         )
-    return sampler.model
+    return model
 
 
 @contextmanager

@@ -12,7 +12,7 @@ from ogm_mcmc.errors import GridError, require
 from ogm_mcmc.sampling.first_hits import HitsBefore, first_hits
 from ogm_mcmc.sampling.gibbs_kernels import sweep_cells
 from ogm_mcmc.sampling.informed import arrival
-from ogm_mcmc.sampling.misfits import draw_lists, fitting_rays
+from ogm_mcmc.sampling.kept_odds import NOT_KEPT, draw_lists, forget_odds, odds_to_keep, zones_of
 from ogm_mcmc.sampling.ray_index import RayIndex
 
 __all__ = [
@@ -34,15 +34,17 @@ ORDERS = ('fixed', 'random', 'checkerboard')
 class GibbsState(NamedTuple):
     """What the next sweep needs: `cells` (K,) uint8 and what each ray hits, `records`.
 
-    `records` (N, 4) int32 follows from `cells`; see `ogm_mcmc.sampling.gibbs_kernels`.
+    `records` (N, 4) int32 follows from `cells`; see `ogm_mcmc.sampling.gibbs_kernels`. So does
+    `odds` (K, 4) float32, where they are kept (`ogm_mcmc.sampling.kept_odds`).
     """
 
     cells: UInt8Array
     records: AnyArray
+    odds: Float32Array = NOT_KEPT
 
     def copy(self) -> GibbsState:
         """Return a state that a kernel may change."""
-        return GibbsState(self.cells.copy(), self.records.copy())
+        return GibbsState(self.cells.copy(), self.records.copy(), self.odds.copy())
 
 
 class SweepInfo(NamedTuple):
@@ -70,7 +72,8 @@ def draw_cells(
     ceiling  (K,) no map of the other cells gives a cell a higher probability (see
              `highest_probability`, of the same prior `log_odds`)
     """
-    cells, records = state
+    cells, records, odds = state
+    forget_odds(odds)
     bits = records.view(np.float32)
     arrays = index.arrays()
     return int(sweep_cells(rng, order, cells, records, bits, ceiling, log_odds, *arrays))
@@ -135,10 +138,7 @@ class CellModel(IndexedModel):
         self.touched = index.touched()
         self.telling = index.telling
         self.ceiling = highest_probability(index, self.prior_log_odds)
-        self._fitting = fitting_rays(index)
-        if self._fitting is not None:
-            fitting = index._replace(gain=self._fitting.most)
-            self._fitting_ceiling = highest_probability(fitting, self.prior_log_odds)
+        self._zones = zones_of(index)
         even = (self.touched // width + self.touched % width) % 2 == 0
         self._checkered = np.concatenate((self.touched[even], self.touched[~even]))
 
@@ -153,7 +153,8 @@ class CellModel(IndexedModel):
             )
         mine = np.zeros(self.n_cells, np.uint8)
         mine[self.touched] = cells[self.touched] != 0
-        return GibbsState(mine, first_hits(mine, self.index, before))
+        hits = first_hits(mine, self.index, before)
+        return GibbsState(mine, hits, odds_to_keep(self.index))
 
     def advance(
         self,
@@ -173,10 +174,8 @@ class CellModel(IndexedModel):
             order = rng.permutation(self.touched)
         elif self.order == 'checkerboard':
             order = self._checkered
-        if self._fitting is not None:
-            ceilings, fitting = (self.ceiling, self._fitting_ceiling), self._fitting
-            log_odds = self.prior_log_odds
-            return draw_lists(rng, order, state, self.index, ceilings, log_odds, fitting)
+        if state.odds.size:
+            return draw_lists(rng, order, state, self.index, self._zones, self.prior_log_odds)
         return draw_cells(rng, order, state, self.index, self.ceiling, self.prior_log_odds)
 
     def focus(self, in_doubt: BoolArray, moving: BoolArray) -> None:

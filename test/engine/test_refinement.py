@@ -22,6 +22,7 @@ from ogm_mcmc.config import (
     PatchConfig,
 )
 from ogm_mcmc.config.nodes import NodeWindowConfig
+from ogm_mcmc.engine.posterior import posterior_of
 from ogm_mcmc.engine.refinement import Refinement
 from ogm_mcmc.errors import WindowError
 from ogm_mcmc.sampling import PosteriorSampler
@@ -45,6 +46,20 @@ def test_scans_that_came_in_extend_the_window():
     assert window.spec == whole.spec
     for name in ('rays', 'lists', 'near', 'front', 'runs'):
         assert np.array_equal(getattr(window.index, name), getattr(whole.index, name)), name
+
+
+def test_a_posterior_without_chains_is_that_of_chains():
+    """What workers build, who are told where chains stand."""
+    whole = taken(FIRST, SECOND, THIRD)
+    window, model = posterior_of(whole.found_settings(), [FIRST, SECOND, THIRD])
+    assert window.spec == whole.window.spec
+    assert window.index.n_rays == whole.size.n_rays
+    draws = []
+    for one in (model, whole.sampler.model):
+        state = one.start(np.ones(one.n_cells, np.uint8))
+        one.advance(np.random.default_rng(1), state)
+        draws.append(state.cells)
+    assert np.array_equal(*draws)
 
 
 @pytest.mark.parametrize(

@@ -72,7 +72,7 @@ def time_sampling(
         times_ms.append(1e3 * (time.perf_counter() - started))
     best = min(times_ms)
     cells, pairs = count_looked_at(
-        np.random.default_rng(chain.seed), model.touched, *sampler.states[0], index,
+        np.random.default_rng(chain.seed), model.touched, *sampler.states[0][:2], index,
         model.ceiling, chain.prior_log_odds,
     )  # fmt: skip
     size = refinement.size

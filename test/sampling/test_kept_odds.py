@@ -1,4 +1,4 @@
-"""Draws bounded by what rays that fit can add are those that look at every ray."""
+"""Draws from log-odds that are kept are those that look at every ray."""
 
 import math
 
@@ -15,8 +15,8 @@ from ogm_mcmc.geometry import PlacedScan, Pose2D
 from ogm_mcmc.sampling import CellModel, RayWindow
 from ogm_mcmc.sampling.cell_gibbs import draw_cells
 from ogm_mcmc.sampling.first_hits import first_hits
-from ogm_mcmc.sampling.misfit_kernels import MOST_MISSED
-from ogm_mcmc.sampling.misfits import fitting_rays
+from ogm_mcmc.sampling.kept_odds import odds_to_keep
+from ogm_mcmc.sampling.kept_odds_kernels import ARRIVING, FAR, LOG_ODDS, SLIP
 from ogm_mcmc.sampling.ray_index_kernels import WIDTH
 
 
@@ -38,7 +38,7 @@ def assert_same_draws(model, start, seed, sweeps):
 @settings(REPEATABLE, max_examples=25)
 def test_draws_of_small_windows(problem, seed):
     window = problem.indexed()
-    assume(fitting_rays(window.index) is not None)
+    assume(odds_to_keep(window.index).size > 0)
     model = CellModel(window.index, problem.prior_log_odds, window.spec.width)
     start = (np.random.default_rng(seed).random(model.n_cells) < 0.5).astype(np.uint8)
     assert_same_draws(model, start, seed, 4)
@@ -64,14 +64,14 @@ def room(sigma_m, wrong=0):
 @pytest.mark.parametrize(('sigma_m', 'wrong'), [(0.4, 0), (0.15, 0), (0.15, 20)])
 @pytest.mark.parametrize('share', [0.0, 0.3, 1.0])
 def test_draws_of_a_room_from_any_start(sigma_m, wrong, share):
-    """Full and wild starts make misfits of most rays, contradicted readings of some for good."""
+    """Full and wild starts let most rays end far off, contradicted readings some for good."""
     model = room(sigma_m, wrong)
     start = (np.random.default_rng(1).random(model.n_cells) < share).astype(np.uint8)
     assert_same_draws(model, start, 2, 12)
 
 
 def test_nothing_told_of_what_lies_behind_first_hits_is_left_to_grow_old():
-    """Plain draws of cells look behind first hits; sweeps that mark rays flip what they saw."""
+    """Plain draws of cells look behind first hits; other sweeps flip what they saw."""
     model = room(0.4)
     state = model.start(np.ones(model.n_cells, np.uint8))
     rng, told = np.random.default_rng(3), 0
@@ -84,24 +84,61 @@ def test_nothing_told_of_what_lies_behind_first_hits_is_left_to_grow_old():
     assert told > 100
 
 
-def test_what_rays_that_fit_add_at_most():
-    """By definition, of every list."""
-    model = room(0.15)
-    index, fitting = model.index, fitting_rays(model.index)
-    values = [index.ray(n) for n in range(index.n_rays)]
-    best = np.array([max(*said, unseen) for _, said, unseen in values])
-    assert np.array_equal(fitting.best, best.astype(np.float32))
-    most = np.zeros(index.n_cells)
-    for (cells, said, _), highest in zip(values, best, strict=True):
-        most[cells] += np.maximum(said - (highest - MOST_MISSED), 0.0)
-    assert fitting.most == pytest.approx(most[index.listed()], rel=1e-5, abs=1e-6)
-    # Far in front of all readings that is nothing, where some map may allow much.
-    assert np.count_nonzero((fitting.most == 0.0) & (index.gain > 10.0)) > 300
-    assert fitting.most.sum() < 0.3 * index.gain.sum()
+def by_definition(model, state):
+    """Log-odds (K,) of each cell given the others, how many rays arrive, and the slack allowed.
+
+    A ray may count as ending at `SLIP` below its best in cells in front of its zone.
+    """
+    odds = np.full(model.n_cells, model.prior_log_odds)
+    arriving, slack = np.zeros((2, model.n_cells))
+    for n in range(model.index.n_rays):
+        cells, said, unseen = model.index.ray(n)
+        values = np.append(said, unseen).astype(np.float64)
+        hits = np.append(np.flatnonzero(state.cells[cells]), cells.size)
+        here = np.arange(min(hits[0] + 1, cells.size))
+        ends = np.where(here == hits[0], hits[min(1, hits.size - 1)], hits[0])
+        odds[cells[here]] += values[here] - values[ends]
+        arriving[cells[here]] += 1
+        zone = np.flatnonzero(said >= values.max() - FAR)
+        far = here[here < (zone[0] if zone.size else cells.size - 1)]
+        slack[cells[far]] += np.maximum(values[ends[far]] - (values.max() - SLIP), 0.0)
+    return odds, arriving, slack
+
+
+@pytest.mark.parametrize('sigma_m', [0.15, 0.4])
+def test_what_is_kept_is_what_the_map_says(sigma_m):
+    """Of every free cell where a ray arrives; what was told of rays that changed, too."""
+    model = room(sigma_m, wrong=10)
+    state, rng = model.start(np.zeros(model.n_cells, np.uint8)), np.random.default_rng(4)
+    for _ in range(3):
+        assert model.advance(rng, state) > 10
+    odds, arriving, slack = by_definition(model, state)
+    assert np.array_equal(state.odds[:, ARRIVING], arriving)
+    kept = state.odds[:, LOG_ODDS].astype(np.float64)
+    free = (arriving > 0) & (state.cells == 0)
+    known = free & np.isfinite(kept)
+    assert np.count_nonzero(known) > 0.99 * np.count_nonzero(free) > 1000
+    over = kept[known] - odds[known]
+    rounding = 1e-6 * (np.abs(odds[known]) + 100.0)
+    assert (over > -rounding).all()
+    assert (over < slack[known] + 20.0 * rounding).all()
+
+
+def test_a_copy_goes_on_with_what_is_kept():
+    model = room(0.4)
+    state = model.start(np.zeros(model.n_cells, np.uint8))
+    model.advance(np.random.default_rng(5), state)
+    copy = state.copy()
+    assert np.array_equal(copy.odds, state.odds)
+    assert copy.odds is not state.odds
+    assert model.advance(np.random.default_rng(6), copy) == model.advance(
+        np.random.default_rng(6), state
+    )
+    assert np.array_equal(copy.cells, state.cells)
 
 
 def test_rays_that_are_level_somewhere_are_drawn_as_ever():
     window = RayWindow(WindowConfig(resolution=0.2), ForwardModelConfig(sigma=0.05))
     window.add([PlacedScan.at(fan(5.0), Pose2D(0.0, 0.0))])
     assert window.index.runs.size > 0
-    assert fitting_rays(window.index) is None
+    assert odds_to_keep(window.index).size == 0
