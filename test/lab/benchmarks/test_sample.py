@@ -13,7 +13,8 @@ from ogm_mcmc.engine.refinement import Refinement
 from ogm_mcmc.geometry import PlacedScan, Pose2D, PoseBelief
 from ogm_mcmc.lab.benchmarks.pair_count_kernels import count_looked_at
 from ogm_mcmc.lab.benchmarks.sample import Effort, bag_config, scene_config, time_sampling
-from ogm_mcmc.sampling.gibbs_kernels import NOTHING, SLACK
+from ogm_mcmc.sampling.gibbs_kernels import SLACK
+from ogm_mcmc.sampling.ray_index_kernels import NOTHING
 
 AT = PoseBelief(Pose2D(0.5, 0.5))
 
