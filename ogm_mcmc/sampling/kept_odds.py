@@ -19,7 +19,7 @@ an upper bound. Draws are those of `draw_cells`, bit for bit, and the tests say 
 
 Consequence. The scene, after 20 sweeps, beside a plain loop that sums up all pairs of each cell
 from one flat list, the same draws, in one run, ratio of processor times, on a busy machine (load
-10 to 22; the plain loop takes 12 to 17 ns a pair there):
+5 to 22; the plain loop takes 12 to 17 ns a pair there):
 
 =================================================  =====================  ====================
 ..                                                 whole rays             cut 4 sigma behind
@@ -28,7 +28,7 @@ pairs, cells                                       1 737 000, 347 000     804 00
 bounds by rays that fit, marked in each sweep      1.13                   1.41
 log-odds kept, rays tell all of their cells        .82                    1.14 to 1.22
 ... and zones, random numbers drawn at once        .72 to .76             .98 to 1.01
-**... and likelihoods side by side along rays**    .69 to .72             .94 to 1.02
+**... and likelihoods side by side along rays**    .63 to .72             .89 to 1.02
 =================================================  =====================  ====================
 
 The goal of .4 is not met. Of 12 ms (cut) 3 to 3.5 are for one look at each cell, 2.5 for summing
