@@ -45,11 +45,12 @@ def placed_scans(
     """Yield the scans of `options.bag`, one after the other, behind a bar with a title.
 
     What was chosen and what is odd is said on standard error. With `beliefs` covariances count
-    whatever the method. Raises BagError that says what is missing.
+    whatever the method, but those beside a trajectory file: it may come of these very scans, which
+    would then count twice for the poses. Raises BagError that says what is missing.
     """
     choice = stream_choice(options, placing, mapper or MapperConfig())
     if beliefs:
-        choice = replace(choice, beliefs=True)
+        choice = replace(choice, beliefs=True, deviations=False)
     with (
         open_scans(options.bag, choice) as scans,
         tqdm(total=scans.topics.n_scans, unit=' scans', desc=title, disable=None) as bar,

@@ -92,7 +92,7 @@ class _Estimate(NamedTuple):
 def by_trajectory(options: argparse.Namespace) -> Answer:
     """Judge poses by true ones and by relations, whichever are named."""
     read = read_trajectory(options.estimate)
-    deviations = read_deviations(options.estimate, len(read.poses))
+    deviations = read_deviations(options.estimate, read.stamps_ns)
     estimate = _Estimate(options.estimate, read.stamps_ns, _rows_of(read), deviations)
     figures: dict[str, Any] = {'estimate': str(estimate.path), 'poses': len(estimate.poses)}
     rows = [('poses', f'{estimate.path}: {len(estimate.poses)}')]

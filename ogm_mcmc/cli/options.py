@@ -181,7 +181,9 @@ def add_stream_options(parser: argparse.ArgumentParser) -> None:
         '--trajectory',
         type=path_argument,
         metavar='FILE',
-        help='poses of a file in place of the bag: TUM, EuRoC, KITTI, g2o, CSV of `simulate`',
+        help='poses of a file in place of the bag: TUM, EuRoC, KITTI, g2o, CSV of `simulate`. '
+        f'{" and ".join(BELIEF_METHODS)} average over its standard deviations, if these are in '
+        'NAME_deviations.csv beside it',
     )
     group.add_argument(
         '--trajectory-stamps',

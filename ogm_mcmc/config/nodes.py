@@ -355,7 +355,9 @@ class ReplayConfig:
         choices=('auto', 'none', *POSE_SOURCES),
     )
     trajectory: str = setting(
-        '', 'file with poses to publish on `pose`: TUM, EuRoC, KITTI or g2o; empty: none'
+        '',
+        'file with poses to publish on `pose`: TUM, EuRoC, KITTI or g2o, with covariances where '
+        'NAME_deviations.csv lies beside it; empty: none',
     )
     trajectory_stamps: str = setting('', 'file with the stamps, for KITTI and g2o')
     map_frame: str = setting('', 'poses are computed in this frame of tf; empty: map')

@@ -20,7 +20,7 @@ from ogm_mcmc.engine.recorded_poses import LONGEST, recorded_poses
 from ogm_mcmc.engine.stream_choice import StreamChoice, StreamTopics
 from ogm_mcmc.engine.tf_poses import TfPoses
 from ogm_mcmc.errors import BagError, PoseError, ScanError
-from ogm_mcmc.geometry import PlacedScan, Pose2D, PoseBelief, Scan
+from ogm_mcmc.geometry import PlacedScan, Pose2D, Scan
 from ogm_mcmc.geometry.scan import Remark, say_nothing
 from ogm_mcmc.io import messages
 from ogm_mcmc.io.bags import BagReader, BagRecord
@@ -90,8 +90,8 @@ class PlacedScans:
         if known is None:
             return PoseHistory(**self.choice.limits, keep=10_000)
         history = PoseHistory(**self.choice.limits, keep=max(1, known.stamps_ns.size))
-        for stamp_ns, pose in zip(known.stamps_ns.tolist(), known.poses, strict=True):
-            history.add(stamp_ns, PoseBelief(pose))
+        for stamp_ns, belief in zip(known.stamps_ns.tolist(), known.beliefs(), strict=True):
+            history.add(stamp_ns, belief)
         return history
 
     def __iter__(self) -> Iterator[PlacedScan]:

@@ -45,6 +45,7 @@ from ogm_mcmc.io import ros_types
 from ogm_mcmc.io.bags import BagReader
 from ogm_mcmc.io.tf_messages import TF_TYPES
 from ogm_mcmc.io.trajectory_files import Trajectory, read_trajectory, with_ends_held
+from ogm_mcmc.io.tum_files import deviations_file, read_deviations
 
 __all__ = ['choose_topics']
 
@@ -118,6 +119,11 @@ def _with_poses(
     remarks += [str(poses), *strays]
     if moved_by:
         remarks.append(f'between poses of {source.name} motion is that of {moved_by}')
+    if trajectory is not None and trajectory.deviations is not None:
+        assert choice.trajectory is not None
+        remarks.append(
+            f'standard deviations of its poses from {deviations_file(choice.trajectory).name}'
+        )
     if rare := poses.rarely():
         remarks.append(rare)
     used = {source.name, *(topic.topic.name for topic in scans)}
@@ -170,6 +176,9 @@ def _of_file(
     """Return the poses of a trajectory file, and what odometry they were filled in by, if any."""
     assert choice.trajectory is not None
     trajectory = read_trajectory(choice.trajectory, choice.trajectory_stamps)
+    if choice.beliefs and choice.deviations:
+        spread = read_deviations(choice.trajectory, trajectory.stamps_ns)
+        trajectory = trajectory._replace(deviations=spread)
     frame = choice.trajectory_frame or frames.base_frame
     source = PoseCandidate(choice.trajectory.name, FILE, 'map', frame, ())
     base = _posed_frame(seen.tree, source, scans[0].frame, frames.base_frame)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ogm_mcmc.arrays import Float64Array, Int64Array
 from ogm_mcmc.engine.corrections import Nodes
 from ogm_mcmc.engine.placing import PoseSource
 from ogm_mcmc.engine.pose_choice import TF, PoseCandidate
@@ -68,6 +69,22 @@ def filled_in(
     filled = with_recorded_motion(Nodes(trajectory.stamps_ns, poses), recorded, longest_s)
     if filled is None:
         return None
-    return trajectory._replace(
-        stamps_ns=filled.stamps_ns, poses=tuple(Pose2D(*row) for row in filled.poses.tolist())
+    return Trajectory(
+        filled.stamps_ns,
+        tuple(Pose2D(*row) for row in filled.poses.tolist()),
+        trajectory.format,
+        _deviations_at(filled.stamps_ns, trajectory),
     )
+
+
+def _deviations_at(stamps_ns: Int64Array, trajectory: Trajectory) -> Float64Array | None:
+    """Return the deviations (N, 3) of poses between those of a trajectory, where it has any.
+
+    Variances go straight from one pose to the next, as `PoseHistory` has it.
+    """
+    if trajectory.deviations is None:
+        return None
+    known, begin = trajectory.deviations**2, trajectory.stamps_ns[0]
+    at, since = stamps_ns - begin, trajectory.stamps_ns - begin
+    told = np.stack([np.interp(at, since, column) for column in known.T], axis=1)
+    return np.asarray(np.sqrt(told), np.float64)

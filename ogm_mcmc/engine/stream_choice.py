@@ -26,7 +26,8 @@ class StreamChoice:
     separated by commas. `pose_source`: auto or one of `POSE_SOURCES`. With `trajectory` poses are
     those of a file (`trajectory_stamps` beside it where its format keeps none), of
     `trajectory_frame` (empty: the base). `map_frame` and `base_frame` matter to tf. With
-    `beliefs` false covariances are not looked at. `no_return_code_m`: see `RangeCodes`.
+    `beliefs` false covariances are not looked at, with `deviations` false only those in a file
+    beside `trajectory` are not. `no_return_code_m`: see `RangeCodes`.
     """
 
     scan_topic: str = ''
@@ -45,6 +46,7 @@ class StreamChoice:
     map_frame: str = ''
     base_frame: str = ''
     beliefs: bool = True
+    deviations: bool = True
 
     @property
     def limits(self) -> PoseLimits:

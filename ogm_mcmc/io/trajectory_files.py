@@ -25,18 +25,25 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from ogm_mcmc.arrays import Int64Array
+from ogm_mcmc.arrays import Float64Array, Int64Array
 from ogm_mcmc.errors import PoseError
 from ogm_mcmc.files.input_files import reason_of, text_of
 from ogm_mcmc.files.output_files import replacing
-from ogm_mcmc.geometry import Pose2D, pose_from_quaternion
+from ogm_mcmc.geometry import Pose2D, PoseBelief, pose_from_quaternion
 
-__all__ = ['POSE_COLUMNS', 'Trajectory', 'read_trajectory', 'with_ends_held', 'write_tum']
+__all__ = [
+    'POSE_COLUMNS',
+    'ROUNDING_NS',
+    'Trajectory',
+    'read_trajectory',
+    'with_ends_held',
+    'write_tum',
+]
 
 NS_PER_S = 1_000_000_000
 
-# Stamps in text files are rounded, often to microseconds and at worst to this.
 ROUNDING_NS = 1_000_000
+"""Stamps in text files are rounded, often to microseconds and at worst to this."""
 
 POSE_COLUMNS = 'stamp_ns', 'x_m', 'y_m', 'yaw_rad'
 """The first line of the CSV that `simulate` writes."""
@@ -48,11 +55,24 @@ FORMATS = (
 
 
 class Trajectory(NamedTuple):
-    """Poses and their stamps (N,) in ns, each later than the one before; `format` by name."""
+    """Poses and their stamps (N,) in ns, each later than the one before; `format` by name.
+
+    `deviations` (N, 3): the standard deviations of x, y (m) and yaw (rad), where these are known.
+    """
 
     stamps_ns: Int64Array
     poses: tuple[Pose2D, ...]
     format: str = 'TUM'
+    deviations: Float64Array | None = None
+
+    def beliefs(self) -> list[PoseBelief]:
+        """Return what is believed of each pose: with a covariance where deviations are known."""
+        if self.deviations is None:
+            return [PoseBelief(pose) for pose in self.poses]
+        return [
+            PoseBelief(pose, np.diag(spread**2))
+            for pose, spread in zip(self.poses, self.deviations, strict=True)
+        ]
 
 
 class _Line(NamedTuple):
@@ -107,10 +127,11 @@ def with_ends_held(trajectory: Trajectory) -> Trajectory:
 
     What was measured at the very first or last pose lies beyond it by a rounding of its stamp.
     """
-    stamps, poses = trajectory.stamps_ns, trajectory.poses
+    stamps, poses, spread = trajectory.stamps_ns, trajectory.poses, trajectory.deviations
     return trajectory._replace(
         stamps_ns=np.concatenate((stamps[:1] - ROUNDING_NS, stamps, stamps[-1:] + ROUNDING_NS)),
         poses=(poses[0], *poses, poses[-1]),
+        deviations=None if spread is None else np.pad(spread, ((1, 1), (0, 0)), 'edge'),
     )
 
 

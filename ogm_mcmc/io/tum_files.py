@@ -11,16 +11,18 @@ from pathlib import Path
 
 import numpy as np
 
-from ogm_mcmc.arrays import Float64Array
+from ogm_mcmc.arrays import Float64Array, Int64Array
 from ogm_mcmc.errors import PoseError
 from ogm_mcmc.files.input_files import reason_of, text_of
 from ogm_mcmc.files.output_files import replacing
 from ogm_mcmc.geometry import PoseBelief
-from ogm_mcmc.io.trajectory_files import write_tum
+from ogm_mcmc.io.trajectory_files import ROUNDING_NS, write_tum
 
 __all__ = ['deviations_file', 'read_deviations', 'write_beliefs']
 
 HEADER = 'stamp_s,x_m,y_m,yaw_rad'
+
+WIDEST = 1e3  # m, rad: more says nothing of a pose
 
 
 def deviations_file(path: Path) -> Path:
@@ -50,22 +52,40 @@ def write_beliefs(
     return [path, beside]
 
 
-def read_deviations(path: Path, count: int) -> Float64Array | None:
-    """Return the deviations (count, 3) that lie beside a TUM file; None where there are none.
+def read_deviations(path: Path, stamps_ns: Int64Array) -> Float64Array | None:
+    """Return the deviations (N, 3) that lie beside a file of poses; None where there are none.
 
-    Raises PoseError for a file that is not of this many poses.
+    stamps_ns  (N,) of these poses
+    Raises PoseError for a file that is not of these poses.
     """
     beside = deviations_file(path)
     if not beside.exists():
         return None
     try:
-        lines = text_of(beside).splitlines()[1:]
+        lines = list(filter(str.strip, text_of(beside).splitlines()))[1:]
         rows = np.loadtxt(lines, delimiter=',', ndmin=2) if lines else np.empty((0, 4))
     except (OSError, ValueError) as error:
         reason = reason_of(error)
         raise PoseError(f'{beside}: expected lines of four numbers ({reason})') from error
+    count = len(stamps_ns)
     if rows.shape != (count, 4):
-        raise PoseError(f'{beside}: expected a line of four numbers for each of {count} poses')
-    if not np.isfinite(rows).all() or (rows[:, 1:] < 0.0).any():
-        raise PoseError(f'{beside}: expected standard deviations from 0 on')
-    return np.ascontiguousarray(rows[:, 1:])
+        raise PoseError(
+            f'{beside}: {rows.shape[0]} lines of {rows.shape[1]} numbers below the first: '
+            f'expected one of four for each of {count} poses in {path}'
+        )
+    spread = rows[:, 1:]
+    bad = ~((spread >= 0.0) & (spread <= WIDEST)).all(axis=1)
+    if bad.any():
+        k = int(np.argmax(bad))
+        raise PoseError(
+            f'{beside}: line {k + 2} has {", ".join(f"{value:g}" for value in spread[k])}: '
+            f'expected standard deviations from 0 to {WIDEST:g}'
+        )
+    off = ~(np.abs(rows[:, 0] - stamps_ns / 1e9) <= 1e-9 * ROUNDING_NS)
+    if off.any():
+        k = int(np.argmax(off))
+        raise PoseError(
+            f'{beside}: line {k + 2} is of {rows[k, 0]:.15g} s: '
+            f'expected {stamps_ns[k] / 1e9:.15g} s, the stamp of that pose in {path}'
+        )
+    return np.ascontiguousarray(spread)

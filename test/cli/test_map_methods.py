@@ -4,8 +4,15 @@ import json
 
 import numpy as np
 import pytest
+from support.strategies import fan
 
+from ogm_mcmc.config import MapperConfig
+from ogm_mcmc.engine.live_map import map_of
 from ogm_mcmc.engine.tree_files import load_tree
+from ogm_mcmc.geometry import PlacedScan, Pose2D, PoseBelief
+from ogm_mcmc.io.map_files import load_npz
+from ogm_mcmc.io.recording_bag import write_recording
+from ogm_mcmc.io.tum_files import write_beliefs
 
 
 def test_adaptive_saves_the_tree_and_says_what_it_takes(run_cli, office_bag, tmp_path):
@@ -68,3 +75,30 @@ def test_random_field_at_any_points(run_cli, office_bag, tmp_path):
     refused = run_cli('map', office_bag, '-o', 'out', '--points', 'points.csv')
     assert refused.returncode == 2
     assert 'two_assumption knows of cells alone: expected random_field' in refused.stderr
+
+
+def test_pose_uncertain_averages_over_what_a_trajectory_leaves_open(run_cli, tmp_path):
+    """The map of the command is that of the same beliefs in plain Python, cell for cell."""
+    stamps = [k * 1_000_000_000 for k in (1, 2)]
+    scans = [fan(0.5, 0.8, range_max_m=2.0, stamp_ns=stamp) for stamp in stamps]
+    write_recording(tmp_path / 'bag', [PlacedScan.at(scan, Pose2D(9.0, 9.0)) for scan in scans])
+    spreads = [(0.05, 0.1, 0.1), (0.0, 0.0, 0.0)]
+    beliefs = [PoseBelief(Pose2D(0.52, 0.03, k), np.diag(np.square(spreads[k]))) for k in range(2)]
+    write_beliefs(tmp_path / 'out_trajectory.txt', stamps, beliefs)
+    settings = {'resolution': 0.1, 'no_return': 'ignore'}
+    call = ('map', 'bag', '-o', 'out', '--trajectory', 'out_trajectory.txt')
+    call += ('--resolution', '0.1', '--no-return', 'ignore', '--method', 'pose_uncertain')
+    done = run_cli(*call)
+    assert done.returncode == 0, done.stderr
+    assert 'standard deviations of its poses from out_trajectory_deviations.csv' in done.stderr
+    placed = [PlacedScan(*one) for one in zip(scans, beliefs, strict=True)]
+    saved = load_npz(tmp_path / 'out' / 'map.npz')
+    expected = map_of(placed, MapperConfig(method='pose_uncertain', **settings)).cropped()
+    np.testing.assert_array_equal(saved.probability, expected.probability)
+    assert (saved.spec.origin_x_m, saved.spec.origin_y_m) == pytest.approx(
+        (expected.spec.origin_x_m, expected.spec.origin_y_m)
+    )
+    (tmp_path / 'out_trajectory_deviations.csv').write_text('stamp_s,x_m,y_m,yaw_rad\n')
+    refused = run_cli(*call)
+    assert refused.returncode == 2
+    assert 'expected one of four for each of 2 poses in out_trajectory.txt' in refused.stderr

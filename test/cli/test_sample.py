@@ -378,7 +378,7 @@ def test_poses_are_estimated_with_the_map(tmp_path, monkeypatch, capsys):
     found = read_trajectory(tmp_path / 'out' / 'map_trajectory.txt')
     poses = np.array([(pose.x_m, pose.y_m, pose.yaw_rad) for pose in found.poses])
     assert absolute_errors(poses, truth).distance_m.mean() < 0.02
-    deviations = read_deviations(tmp_path / 'out' / 'map_trajectory.txt', len(truth))
+    deviations = read_deviations(tmp_path / 'out' / 'map_trajectory.txt', found.stamps_ns)
     assert deviations.shape == (len(truth), 3)
     # The same poses again, so the chains go on.
     assert run([*call, '--poses', 'joint', '--state', 'state.npz']) == 0

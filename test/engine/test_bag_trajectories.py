@@ -1,12 +1,13 @@
 """Poses of a trajectory file in place of those of a bag, and odometry between them."""
 
+import numpy as np
 import pytest
 from support.transforms import transform
 
 from ogm_mcmc.engine.bag_scans import PlacedScans
 from ogm_mcmc.engine.bag_topics import choose_topics
 from ogm_mcmc.engine.stream_choice import StreamChoice
-from ogm_mcmc.errors import BagError
+from ogm_mcmc.errors import BagError, PoseError
 from ogm_mcmc.geometry import Pose2D
 from ogm_mcmc.io import ros_types
 from ogm_mcmc.io.bags import BagReader
@@ -20,10 +21,17 @@ LASER = ('/tf_static', 1, transform(1, 'base_link', 'laser', 0.0, 0.0, 0.0))
 def choose(write_bag, tmp_path):
     """Choose from records with a file of (seconds, x, y) poses: (stream, placed, lines said)."""
 
-    def run(records, rows, **choice):
+    def run(records, rows, spreads=(), **choice):
         said = []
         lines = [f'{row[0]} {" ".join(map(str, row[1:]))} 0 0 0 0 1\n' for row in rows]
         (tmp_path / 'poses.tum').write_text(''.join(lines))
+        said_of = [
+            f'{row[0]},{",".join(map(str, spread))}\n'
+            for row, spread in zip(rows, spreads, strict=False)
+        ]
+        if spreads:
+            beside = tmp_path / 'poses_deviations.csv'
+            beside.write_text(''.join(['stamp_s,x_m,y_m,yaw_rad\n', *said_of]))
         wanted = StreamChoice(trajectory=tmp_path / 'poses.tum', **choice)
         with BagReader(write_bag(records)) as bag:
             scans = PlacedScans(bag, choose_topics(bag, wanted), wanted, tell=said.append)
@@ -135,3 +143,24 @@ def test_stamps_of_a_trajectory_may_be_rounded(choose, scans):
         assert '100 % of 8 scans' in said[0]
         assert (placed[0].pose.x_m, placed[-1].pose.x_m) == (0.0, 1.0)
     assert len(choose(scans(), [(20.002, 0, 0), (20.7, 1, 0)])[1]) == 7
+
+
+def test_standard_deviations_beside_a_trajectory_are_covariances(choose, scans):
+    """Variances go straight between poses, also where odometry fills in; ends are held."""
+    rows, spreads = [(20.0, 0, 0), (20.7, 0.7, 0)], [(0.1, 0.3, 0.2), (0.2, 0.3, 0.0)]
+    every = np.stack([np.linspace(0.01, 0.04, 8), np.full(8, 0.09), np.linspace(0.04, 0.0, 8)])
+    moved = wheels([(0.01 * k * k,) for k in range(8)])
+    for records in (scans(), [*scans(), *moved]):
+        _, placed, said = choose(records, rows, spreads)
+        told = np.array([np.diag(one.belief.covariance) for one in placed])
+        assert told == pytest.approx(every.T)
+        assert 'standard deviations of its poses from poses_deviations.csv' in said
+        for unread in ({'beliefs': False}, {'deviations': False}):
+            _, placed, said = choose(records, rows, spreads, **unread)
+            assert {one.belief.covariance for one in placed} == {None}
+            assert 'standard' not in str(said)
+    held = scans([STAMPS[0] - 500_000, STAMPS[-1] + 500_000])
+    _, placed, _ = choose(held, rows, spreads)
+    assert [one.belief.covariance[0, 0] for one in placed] == pytest.approx([0.01, 0.04])
+    with pytest.raises(PoseError, match=r'poses_deviations.csv: 1 lines .* each of 2 poses'):
+        choose(scans(), rows, spreads[:1])

@@ -22,6 +22,7 @@ from ogm_mcmc.io.training_maps import read_sources
 from ogm_mcmc.io.trajectory_files import read_trajectory
 from ogm_mcmc.io.tum_files import read_deviations
 
+SECONDS = np.arange(1, 7) * 1_000_000_000
 RAYS = ' '.join(['1.5'] * 180)
 LASER = f'FLASER 180 {RAYS} 0.1 0.2 0.3 0.1 0.2 0.3 {{0}}.5 robot {{0}}.5'
 
@@ -39,7 +40,7 @@ def with_stamps(path):
 def deviations(path):
     beside = path.with_name('trajectory_deviations.csv')
     path.rename(beside)
-    return read_deviations(path.with_name('trajectory.txt'), 6)
+    return read_deviations(path.with_name('trajectory.txt'), SECONDS + 250_000_000)
 
 
 READERS = {

@@ -22,7 +22,7 @@ def test_poses_come_back(tmp_path: Path) -> None:
     for pose, belief in zip(found.poses, beliefs, strict=True):
         assert pose.x_m == belief.mean.x_m
         assert pose.yaw_rad == pytest.approx(belief.mean.yaw_rad, abs=1e-12)
-    assert read_deviations(path, 2) is None
+    assert read_deviations(path, found.stamps_ns) is None
 
 
 def test_deviations_lie_beside_them(tmp_path: Path) -> None:
@@ -33,17 +33,25 @@ def test_deviations_lie_beside_them(tmp_path: Path) -> None:
         'stamp_s,x_m,y_m,yaw_rad',
         '0.000000000,0.20000000,0.10000000,0.01000000',
     ]
-    np.testing.assert_allclose(read_deviations(path, 1), [(0.2, 0.1, 0.01)])
+    np.testing.assert_allclose(read_deviations(path, np.array([400])), [(0.2, 0.1, 0.01)])
 
 
-def test_deviations_of_something_else_are_refused(tmp_path: Path) -> None:
-    path = tmp_path / 'refined.txt'
-    _, beside = write_beliefs(path, [0], [PoseBelief(Pose2D(), COVARIANCE)])
-    with pytest.raises(PoseError, match='each of 2 poses'):
-        read_deviations(path, 2)
-    beside.write_text('stamp_s,x_m,y_m,yaw_rad\n0,1,2,-1\n')
-    with pytest.raises(PoseError, match='from 0 on'):
-        read_deviations(path, 1)
-    beside.write_text('stamp_s,x_m,y_m,yaw_rad\n0,1,two,1\n')
-    with pytest.raises(PoseError, match='four numbers'):
-        read_deviations(path, 1)
+@pytest.mark.parametrize(
+    ('line', 'said'),
+    [
+        ('1,1,2,0\n2,1,2,0', '2 lines of 4 numbers .* each of 1 poses in .*refined.txt'),
+        ('', '0 lines'),
+        ('0.1,0.2,0.3', '1 lines of 3 numbers'),
+        ('1,1,2,-1', 'line 2 has 1, 2, -1: expected standard deviations from 0 to 1000'),
+        ('1,nan,2,1', 'line 2 has nan, 2, 1'),
+        ('1,1,1e9,1', r'line 2 has 1, 1e\+09, 1'),
+        ('1.002,1,2,1', 'line 2 is of 1.002 s: expected 1 s, the stamp of that pose'),
+        ('nan,1,2,1', 'line 2 is of nan s'),
+        ('1,1,two,1', 'expected lines of four numbers'),
+    ],
+)
+def test_deviations_of_something_else_are_refused(tmp_path: Path, line: str, said: str) -> None:
+    (tmp_path / 'refined_deviations.csv').write_text(f'stamp_s,x_m,y_m,yaw_rad\n{line}\n')
+    with pytest.raises(PoseError, match=f'refined_deviations.csv: {said}') as refused:
+        read_deviations(tmp_path / 'refined.txt', np.array([10**9]))
+    assert len(str(refused.value).splitlines()) == 1

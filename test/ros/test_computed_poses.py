@@ -145,9 +145,13 @@ def test_sensors_that_move_on_the_robot_are_where_they_were(write_bag, make_scan
 def test_poses_of_a_file(write_bag, records, tmp_path):
     path = tmp_path / 'poses.tum'
     path.write_text('20.0 1 2 0 0 0 0 1\n21.0 1 3 0 0 0 0 1\n')
+    spread = '0.1,0.2,0.3\n'
+    (tmp_path / 'poses_deviations.csv').write_text(f'stamp_s\n20.0,{spread}21.0,{spread}')
     poses, done, _ = replayed(write_bag(records), '--trajectory', path, '--topics', 'scan')
     assert done['published'] == {'pose': 6, '/scan': 6}
     assert poses[0].pose.pose.position.y == pytest.approx(2.05)
+    # Deviations beside the file, for nodes that average over them.
+    assert poses[0].pose.covariance[::7] == pytest.approx([0.01, 0.04, 0.0, 0.0, 0.0, 0.09])
 
 
 def test_a_recording_of_less_than_a_second_played_again_has_its_poses_again(write_bag, records):
