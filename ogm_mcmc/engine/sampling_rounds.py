@@ -11,7 +11,7 @@ from ogm_mcmc.config import StopConfig
 from ogm_mcmc.engine.progress import Progress
 from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.sampling import ChainQuality, PosteriorSampler
-from ogm_mcmc.sampling.diagnostics import FEWEST_IN_GROUPS
+from ogm_mcmc.sampling.diagnostics import judged_in_groups
 
 __all__ = ['SamplingRounds', 'least_counted']
 
@@ -26,7 +26,7 @@ MIN_COUNTED = 64
 
 def least_counted(n_chains: int) -> int:
     """Return how many sweeps of each of so many chains have to count before they may agree."""
-    return MIN_COUNTED if n_chains < FEWEST_IN_GROUPS else MIN_COUNTED // 2
+    return MIN_COUNTED // 2 if judged_in_groups(n_chains) else MIN_COUNTED
 
 
 class SamplingRounds:

@@ -19,6 +19,7 @@ __all__ = [
     'agreeing_share',
     'assess',
     'in_groups',
+    'judged_in_groups',
     'later_halves',
     'later_mean',
     'split_r_hat',
@@ -27,8 +28,8 @@ __all__ = [
 MAX_BATCHES = 16
 LARGEST_UINT16 = 65_535
 
-FEWEST_IN_GROUPS = 4
-"""So many chains are judged in two groups."""
+# Dispersed starts are four in turn (see `over_dispersed_starts`), two for each group.
+TURNS = 4
 
 # A cell this near to 0 or 1 is decided; the others say how well chains mix.
 DECIDED = 0.01
@@ -166,11 +167,10 @@ def assess(chains: list[BatchCounts]) -> ChainQuality | None:
     """Judge chains of equal length; None while a batch is one sweep (fewer than 16 sweeps).
 
     R-hat compares the first and the last half of every chain, of many chains those of two groups
-    (see `in_groups`). The variance of the mean is the
-    larger of two estimates: from the batches, which is steady but knows nothing of what stays
-    correlated for longer than a batch, and from the half chains, which also sees chains that
-    disagree. ESS is what independent draws would have that variance, at most the draws there are,
-    and all of them for a cell that never flipped.
+    (see `in_groups`). The variance of the mean is the larger of two estimates: from the batches,
+    which is steady but knows nothing of what stays correlated for longer than a batch, and from
+    the half chains, which also sees chains that disagree. ESS is what independent draws would have
+    that variance, at most the draws there are, and all of them for a cell that never flipped.
 
     The standard error is that of ESS draws with two more of either kind (Agresti and Coull 1998),
     mcse^2 = q (1 - q) / ess with q = (ess mean + 2) / (ess + 4): a cell that never flipped has
@@ -228,21 +228,29 @@ def _assessed(chains: list[AnyArray], length: int) -> tuple[AnyArray, ...]:
     return split_r_hat(means, half * length * together), ess, _errors(mean, ess), mean
 
 
+def judged_in_groups(n_chains: int) -> bool:
+    """Return whether R-hat compares two groups of so many chains, see `in_groups`."""
+    return n_chains >= TURNS and n_chains % TURNS == 0
+
+
 def in_groups(halves: Float64Array) -> tuple[Float64Array, int]:
     """Return means (4, C) of the halves of two groups of chains, and how many are in a group.
 
     halves  (2 n, C) means of the first and the last half of each of n chains in turn
     The more chains there are the fewer sweeps of each their common mean needs, but R-hat of single
-    chains asks of each that it is long, and of more that none of them differs. So every other
-    chain makes one long one (nested R-hat, Margossian et al. 2024), and the limit says of the mean
-    of all what it says of that of two. Fewer than four chains, or an odd number, stay alone.
+    chains asks of each that it is long, and of more that none of them differs. So of every four
+    the first two belong to one group and the last two to the other, and a group counts as one
+    long chain (after nested R-hat, Margossian et al. 2024). Dispersed chains start from the live
+    map and occupied in one group, free and from the prior in the other: a start that is not
+    forgotten sets them apart. What differs within a group and not between them does not: R-hat
+    speaks of the means of groups, `ChainQuality.mcse` of all chains. Numbers of chains that are
+    no multiple of four stay alone.
     """
     n_chains, n_cells = len(halves) // 2, halves.shape[1]
-    if n_chains < FEWEST_IN_GROUPS or n_chains % 2:
+    if not judged_in_groups(n_chains):
         return halves, 1
-    together = n_chains // 2
-    means = halves.reshape(together, 2, 2, n_cells).mean(axis=0)
-    return means.reshape(4, n_cells), together
+    means = halves.reshape(n_chains // TURNS, 2, TURNS // 2, 2, n_cells).mean(axis=(0, 2))
+    return means.reshape(4, n_cells), n_chains // 2
 
 
 def _errors(mean: Float64Array, ess: Float64Array) -> Float64Array:

@@ -9,7 +9,7 @@ from support.strategies import fan
 from ogm_mcmc.config import ForwardModelConfig, WindowConfig
 from ogm_mcmc.geometry import PlacedScan, Pose2D
 from ogm_mcmc.lab.exact import enumerate_maps
-from ogm_mcmc.sampling import CellModel, PosteriorSampler, RayWindow
+from ogm_mcmc.sampling import CellModel, PosteriorSampler, RayWindow, over_dispersed_starts
 from ogm_mcmc.sampling.diagnostics import (
     BatchCounts,
     assess,
@@ -142,14 +142,18 @@ def test_r_hat_of_an_odd_number_of_batches_leaves_out_the_middle():
     assert found == approx([gelman_rubin(halves[:, :, c]) for c in range(4)], rel=1e-5)
 
 
-@pytest.mark.parametrize('n_chains', [4, 8, 5])
+@pytest.mark.parametrize('n_chains', [4, 8, 5, 6])
 def test_many_chains_are_judged_as_two_long_ones(n_chains):
-    """Every other one after the other, first halves and last halves; an odd number as they are."""
+    """Two of every four after the other, halves for themselves; other numbers as they are."""
     n = 64
     rng = np.random.default_rng(n_chains)
     chains = [switching(rng, n, 0.1, 0.2, n_cells=20) for _ in range(n_chains)]
     found = assess([filled(chain) for chain in chains]).r_hat
-    groups = [chains[0::2], chains[1::2]] if n_chains % 2 == 0 else [[one] for one in chains]
+    grouped = n_chains % 4 == 0
+    pairs = [chains[j : j + 2] for j in range(0, n_chains, 2)]
+    groups = [[one] for one in chains]
+    if grouped:
+        groups = [[one for pair in pairs[j::2] for one in pair] for j in (0, 1)]
     halves = np.array(
         [
             np.concatenate([one[part] for one in group])
@@ -158,11 +162,23 @@ def test_many_chains_are_judged_as_two_long_ones(n_chains):
         ]
     )
     length = halves.shape[1]
-    assert length == (n // 2 * (n_chains // 2) if n_chains % 2 == 0 else n // 2)
+    assert length == n // 2 * (n_chains // 2 if grouped else 1)
     within = (halves.mean(axis=1) * (1.0 - halves.mean(axis=1))).mean(axis=0)
     within *= length / (length - 1.0)
     expected = np.sqrt((length - 1.0) / length + halves.mean(axis=1).var(axis=0, ddof=1) / within)
     assert found == approx(expected, rel=1e-5)
+
+
+@pytest.mark.parametrize('n_chains', [4, 6, 8, 16])
+@pytest.mark.parametrize('live', [0, 1])
+def test_chains_that_never_leave_dispersed_starts_do_not_agree(n_chains, live):
+    """But for cells where draws of the prior (0.2) make up for the occupied start."""
+    cells = np.full(40, live, np.uint8)
+    starts = over_dispersed_starts(
+        'dispersed', n_chains, cells, 0.2, 1, free=np.zeros(cells.size, np.bool_)
+    )
+    quality = assess([filled(np.tile(start, (32, 1))) for start in starts])
+    assert quality.agreeing_share(1.05) < 0.5
 
 
 def test_chains_that_are_stuck():
