@@ -89,7 +89,7 @@ class ChainState(NamedTuple):
 class Problem(NamedTuple):
     """What a worker builds a model from: `token` is the digest of its parcel.
 
-    `n_rays` and `n_cells` are those of the window at home.
+    `n_rays` and `n_cells` are those of the window at home: all rays, those that merge included.
     """
 
     token: str
@@ -209,7 +209,7 @@ def _built(problem: Problem, parcel: bytes) -> PosteriorModel:
     scans, (config, prior) = unpack(parcel)
     with prior_at_hand(config, prior) as here:
         window, model = posterior_of(here, scans)
-    found = window.index.n_rays, model.n_cells
+    found = window.n_beams, model.n_cells
     if found != (problem.n_rays, problem.n_cells):
         raise WindowError(
             f'{found[0]} rays in {found[1]} cells on a worker: expected the '

@@ -50,10 +50,12 @@ def test_scans_that_came_in_extend_the_window():
 
 def test_a_posterior_without_chains_is_that_of_chains():
     """What workers build, who are told where chains stand."""
-    whole = taken(FIRST, SECOND, THIRD)
-    window, model = posterior_of(whole.found_settings(), [FIRST, SECOND, THIRD])
+    scans = [FIRST, SECOND, THIRD, FIRST._replace(), SECOND._replace()]
+    whole = taken(*scans)
+    window, model = posterior_of(whole.found_settings(), scans)
     assert window.spec == whole.window.spec
-    assert window.index.n_rays == whole.size.n_rays
+    assert window.n_beams == whole.size.n_rays
+    assert window.n_merged == whole.size.n_merged > 0
     draws = []
     for one in (model, whole.sampler.model):
         state = one.start(np.ones(one.n_cells, np.uint8))

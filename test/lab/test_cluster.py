@@ -24,7 +24,7 @@ from ogm_mcmc.config.nodes import NodeWindowConfig, RefineSamplerConfig
 from ogm_mcmc.engine.prior_files import default_prior_file
 from ogm_mcmc.engine.refinement import Refinement
 from ogm_mcmc.engine.tiled_refinement import TiledRefinement
-from ogm_mcmc.errors import ClusterError, ConfigError, WindowError
+from ogm_mcmc.errors import ClusterError, ConfigError
 from ogm_mcmc.lab import cluster, experiments
 from ogm_mcmc.lab import workers as workers_module
 from ogm_mcmc.lab.cluster import distribute
@@ -173,16 +173,6 @@ def test_a_prior_file_need_not_be_on_the_worker(scans, tmp_path):
         mine.unlink()
         list(rounds)
     same(here, there)
-
-
-@pytest.mark.jit
-def test_other_scans_than_those_taken_are_noticed(scans):
-    refinement = Refinement(config())
-    refinement.take(scans)
-    with ThreadPoolExecutor(1) as executor, pytest.raises(WindowError, match='on a worker'):
-        list(sample_chains(refinement, scans[:2], STOP, executor))
-    with ThreadPoolExecutor(1) as executor, pytest.raises(WindowError, match='nothing to sample'):
-        sample_chains(Refinement(config()), scans, STOP, executor)
 
 
 class Forgetful(workers_module.Workers):
