@@ -96,7 +96,7 @@ def _misses(
     """Return the slants (N,) of readings near solid cells, and how far off the first is, cells."""
     scan, sensor = placed.scan, placed.pose
     slant = slants_of(scan, resolution_m)
-    chosen = np.flatnonzero((slant > 0.0) & (slant <= GRAZED[1]) & np.isfinite(scan.ranges_m))
+    chosen = np.flatnonzero((slant > 0.0) & (slant <= GRAZED[1]))
     column, row, x, y = on_lattice(sensor, GridSpec(resolution_m, 1, 1))
     ahead, left = scan.directions()[:, chosen]
     cosine, sine = math.cos(sensor.yaw_rad), math.sin(sensor.yaw_rad)

@@ -18,8 +18,10 @@ def slants_of(scan: Scan, stretch_m: float) -> Float64Array:
     surface is the line through readings `stretch_m` to either side, or a beam where beams are
     further apart, if the one in the middle lies on it; of three such lines (this reading at an
     end, or in the middle) the one that is grazed least, so that at corners and steps nothing is
-    made up. 0, too, where readings do not tell: alone, without a return, or beside gaps.
+    made up. 0, too, where readings do not tell: alone, without a return (outside the limits of the
+    sensor, `Scan.measured`), or beside gaps.
     """
     slants = np.zeros(scan.ranges_m.size)
-    fill_slants(scan.ranges_m, scan.directions(), stretch_m, slants)
+    ranges = np.where(scan.measured(), scan.ranges_m, np.float32(np.nan))
+    fill_slants(ranges, scan.directions(), stretch_m, slants)
     return slants

@@ -1,6 +1,7 @@
 """How far surfaces are off, by where beams that graze them meet the first solid cell."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ from support.strategies import fan
 
 from ogm_mcmc.config import ChainConfig, SamplerConfig, WindowConfig
 from ogm_mcmc.config.nodes import NodeModelConfig
-from ogm_mcmc.engine.grazing import HALF, SEEN_BEFORE, _spread, grazing_of, told
+from ogm_mcmc.engine.grazing import HALF, SEEN_BEFORE, _misses, _spread, grazing_of, told
 from ogm_mcmc.engine.range_spread import Spread
 from ogm_mcmc.engine.sensor_fit import alike, fit_sensor
 from ogm_mcmc.geometry import CellBox, PlacedScan, Pose2D
@@ -42,6 +43,21 @@ def test_a_wall_that_begins_with_its_cells_is_not_off_and_one_far_in_them_is():
     assert far.low_95 <= told(far) <= far.high_95 < 1.05 * 0.9 / HALF * CELL
     assert far.low_95 > 0.8 * 0.9 / HALF * CELL
     assert far.beams > 100
+
+
+def test_codes_of_no_return_are_no_readings_of_a_wall():
+    """Above the range's limit they say what +inf does, wherever solid cells are."""
+    solid, box = np.ones((600, 600), np.bool_), CellBox(-300, -300, 300, 300)
+    [wall] = scans_beside(1.07, count=1)
+
+    def misses_of(code):
+        ranges = np.where(np.arange(81) % 20 < 7, np.float32(code), wall.scan.ranges_m)
+        placed = wall._replace(scan=replace(wall.scan, ranges_m=ranges))
+        return [array.tolist() for array in _misses(placed, CELL, solid, box)]
+
+    slants, off = misses_of(20.5)
+    assert (slants, off) == tuple(misses_of(math.inf))
+    assert len(slants) > 20
 
 
 def test_medians_on_paper():

@@ -1,6 +1,7 @@
 """How beams graze surfaces, against lines known."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -70,3 +71,19 @@ def test_dense_beams_are_compared_a_stretch_apart():
     noise = np.random.default_rng(0).normal(0.0, 0.005, 200)
     scan = fan(*(1.0 + noise), bearing=-0.5, increment=math.radians(0.5))
     assert np.median(slants_of(scan, STRETCH_M)) < 0.15
+
+
+@pytest.mark.parametrize('code', [0.05, 10.5, 81.91])
+def test_readings_outside_the_limits_are_no_surface(code):
+    """Echoes too near and codes of no return: neither they nor readings beside them have one."""
+    ranges = np.array([code] * 4 + [3.0, 3.0] + [code] * 4 + [2.0, 2.02, 2.04, 2.06, 2.08, code])
+    within = np.where((ranges > 0.1) & (ranges <= 10.0), ranges, math.inf)
+    scan, lost = (
+        replace(fan(*one, increment=math.radians(1.0), range_max_m=10.0), range_min_m=0.1)
+        for one in (ranges, within)
+    )
+    found = slants_of(scan, STRETCH_M)
+    assert found.tolist() == slants_of(lost, STRETCH_M).tolist()
+    assert not found[:10].any()
+    # Two beams of a degree are a stretch there.
+    assert found[10:15:2].min() > 0.5
