@@ -32,17 +32,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from ogm_mcmc.arrays import BoolArray, Float64Array, Int64Array
 from ogm_mcmc.config import WindowConfig
-from ogm_mcmc.engine.range_spread import Spread
+from ogm_mcmc.engine.range_spread import SHARP_CELLS, Spread
 from ogm_mcmc.geometry import CellBox, GridSpec, PlacedScan
 from ogm_mcmc.geometry.rays import on_lattice
 from ogm_mcmc.geometry.slants import slants_of
 
-__all__ = ['grazing_of', 'told']
+__all__ = ['Grazing', 'grazing_of', 'told']
 
 # So many beams ended in a cell that is solid, at least, and more than passed it.
 ENDED = 2
@@ -61,6 +62,32 @@ SEEN_BEFORE = 50.0
 
 # Half of a Gaussian lies within so many standard deviations.
 HALF = 0.6745
+
+
+class Grazing(NamedTuple):
+    """How far surfaces are off, m, as found (see `Spread`), and what is `used` of it, m."""
+
+    mean: float
+    deviation: float | None
+    beams: int
+    low_95: float | None
+    high_95: float | None
+    used: float
+
+    @classmethod
+    def of(cls, found: Spread, sharp: float) -> Grazing:
+        """Return what was found, and what counts of it where readings are sharp: 1, or not: 0."""
+        return cls(*found, used=sharp * told(found))
+
+    def __str__(self) -> str:
+        """Return `0.0300 m (0.0200 to 0.0400)`, and why less than that counts if so."""
+        found = str(Spread(*self[:-1]))
+        if self.used == self.mean:
+            return found
+        if self.used == 0.0:
+            return f'{found}, found but not counted, since its interval begins at 0'
+        why = f'since sigma is above {SHARP_CELLS:g} cells'
+        return f'{found}, of which {self.used:.4f} m counts, {why}'
 
 
 def grazing_of(

@@ -69,7 +69,8 @@ class Spread(NamedTuple):
 
     The ends are those of its 95 % interval, by chance alone: readings of a wall err alike where
     poses do. Like the mean they are within the limits of sigma: both ends at 0.2 cells say that it
-    is no more. Without a reading the mean is the default, and how sure it is nobody knows.
+    is no more. Without a reading the mean is the default, and how sure it is nobody knows. Of
+    grazing all of them are 0 or more, and the mean is 0 without a reading.
     """
 
     mean: float

@@ -31,7 +31,7 @@ import numpy as np
 
 from ogm_mcmc.arrays import AnyArray, BoolArray, Int64Array
 from ogm_mcmc.config import ForwardModelConfig, MapperConfig, SamplerConfig, WindowConfig
-from ogm_mcmc.engine.grazing import grazing_of, told
+from ogm_mcmc.engine.grazing import Grazing, grazing_of
 from ogm_mcmc.engine.range_spread import Spread, blur_of, contradicted, spread_of
 from ogm_mcmc.errors import WindowError
 from ogm_mcmc.geometry import CellBox, HeldRays, PlacedScan, Rays, cast_rays
@@ -107,7 +107,7 @@ class SensorNumbers(NamedTuple):
     clutter: Share | None
     missing: Share | None
     sigma: Spread | None = None
-    grazing: Spread | None = None
+    grazing: Grazing | None = None
 
     def __str__(self) -> str:
         """Return `clutter 0.0123 (0.0090 to 0.0160), sigma 0.0168 m (0.0150 to 0.0190)`."""
@@ -146,8 +146,9 @@ def fit_sensor(
     if given.grazing < 0.0:
         sharp = 1.0 - blur_of(given.sigma, window.resolution)
         if sharp > 0.0:
-            grazing = grazing_of(scans, window, seen.hits, seen.misses, seen.box)
-        given = replace(given, grazing=0.0 if grazing is None else sharp * told(grazing))
+            found = grazing_of(scans, window, seen.hits, seen.misses, seen.box)
+            grazing = Grazing.of(found, sharp)
+        given = replace(given, grazing=0.0 if grazing is None else grazing.used)
     if not shares:
         return given, SensorNumbers(None, None, spread, grazing)
     if given.sigma > sigma:
@@ -299,8 +300,9 @@ def saved_beams(
             return found, None, scans
         shares = (numbers[name] for name in ('clutter', 'missing'))
         wrong, lost = (None if share is None else Share(**share) for share in shares)
-        spreads = (numbers[name] for name in ('sigma', 'grazing'))
-        spread, off = (None if one is None else Spread(**one) for one in spreads)
+        spread, off = numbers['sigma'], numbers['grazing']
+        spread = None if spread is None else Spread(**spread)
+        off = None if off is None else Grazing(**off)
         return found, SensorNumbers(wrong, lost, spread, off), scans
     except (KeyError, TypeError, ValueError) as error:
         raise WindowError(f'{path}: expected what was found of the beams ({error})') from error

@@ -138,6 +138,8 @@ def sensor_values(sensor: SensorNumbers | None) -> dict[str, object]:
         for name, spread in spreads.items()
         if spread is not None
     }
+    if sensor.grazing is not None:
+        values['grazing used (m)'] = f'{sensor.grazing.used:.4f}'
     return values
 
 

@@ -9,7 +9,7 @@ from support.strategies import fan
 
 from ogm_mcmc.config import ChainConfig, SamplerConfig, WindowConfig
 from ogm_mcmc.config.nodes import NodeModelConfig
-from ogm_mcmc.engine.grazing import HALF, SEEN_BEFORE, _misses, _spread, grazing_of, told
+from ogm_mcmc.engine.grazing import HALF, SEEN_BEFORE, Grazing, _misses, _spread, grazing_of, told
 from ogm_mcmc.engine.range_spread import Spread
 from ogm_mcmc.engine.sensor_fit import alike, fit_sensor
 from ogm_mcmc.geometry import CellBox, PlacedScan, Pose2D
@@ -89,14 +89,34 @@ def test_grazing_below_zero_is_found_where_readings_are_of_their_cells_and_a_num
     scans = list(scans_beside(1.07))
     window, given = WindowConfig(CELL), ChainConfig()
     model, numbers = fit_sensor(scans, SamplerConfig(NodeModelConfig(sigma=0.03), window, given))
-    assert model.grazing == told(numbers.grazing) > 0.0
+    assert model.grazing == numbers.grazing.used == numbers.grazing.mean > 0.0
     assert numbers.sigma is None
     assert 'grazing 0.0' in str(numbers)
+    between = SamplerConfig(NodeModelConfig(sigma=0.0675), window, given)
+    model, half = fit_sensor(scans, between)
+    assert half.grazing[:-1] == numbers.grazing[:-1]
+    assert model.grazing == half.grazing.used == pytest.approx(0.5 * half.grazing.mean)
+    assert half.as_dict()['grazing']['used'] == model.grazing
     blurred = SamplerConfig(NodeModelConfig(sigma=0.09), window, given)
     model, numbers = fit_sensor(scans, blurred)
     assert (model.grazing, numbers.grazing) == (0.0, None)
     fixed = SamplerConfig(NodeModelConfig(sigma=0.03, grazing=0.05), window, given)
     assert fit_sensor(scans, fixed) == (fixed.model, None)
+
+
+def test_what_counts_is_reported_and_why_not_all_does():
+    found, doubtful = Spread(0.03, 0.005, 9, 0.02, 0.04), Spread(0.02, 0.01, 9, 0.0, 0.05)
+    all_of_it, half, none = Grazing.of(found, 1.0), Grazing.of(found, 0.5), Grazing.of(doubtful, 1)
+    assert (all_of_it.used, half.used, none.used) == (0.03, 0.015, 0.0)
+    assert str(all_of_it) == '0.0300 m (0.0200 to 0.0400)'
+    assert str(half) == (
+        '0.0300 m (0.0200 to 0.0400), of which 0.0150 m counts, since sigma is above 0.5 cells'
+    )
+    assert str(none) == (
+        '0.0200 m (0.0000 to 0.0500), found but not counted, since its interval begins at 0'
+    )
+    nothing = Grazing.of(Spread(0.0, None, 0, 0.0, 0.0), 1.0)
+    assert (nothing.used, str(nothing)) == (0.0, '0.0000 m (not told)')
 
 
 def test_models_are_alike_where_grazing_changes_by_less_than_matters():

@@ -5,6 +5,7 @@ import pytest
 pytest.importorskip('rclpy', reason='rclpy is not installed: no ROS tests')
 
 from ogm_mcmc.config import StopConfig
+from ogm_mcmc.engine.grazing import Grazing
 from ogm_mcmc.engine.progress import Progress
 from ogm_mcmc.engine.range_spread import Spread
 from ogm_mcmc.engine.refined_map import WorkerStatus
@@ -81,11 +82,15 @@ def test_what_was_found_out_about_the_sensor():
         'clutter beams (share, 95 % interval)'
     ]
     only = SensorNumbers(
-        None, None, Spread(0.0193, 0.004, 81, 0.0117, 0.027), Spread(0.03, 0.0, 9, 0.02, 0.04)
+        None,
+        None,
+        Spread(0.0193, 0.004, 81, 0.0117, 0.027),
+        Grazing(0.03, 0.0, 9, 0.02, 0.04, used=0.03),
     )
     assert sensor_values(only) == {
         'sigma of ranges (95 % interval)': '0.0193 m (0.0117 to 0.0270)',
         'grazing (95 % interval)': '0.0300 m (0.0200 to 0.0400)',
+        'grazing used (m)': '0.0300',
     }
     assert sensor_values(None) == {}
 
