@@ -19,6 +19,7 @@ from ogm_mcmc import __version__
 from ogm_mcmc.arrays import BoolArray, Float64Array
 from ogm_mcmc.config import ForwardModelConfig, MapperConfig, TrajectoryConfig
 from ogm_mcmc.config.nodes import RefineSamplerConfig
+from ogm_mcmc.config.sampling import CHAINS_SAID
 from ogm_mcmc.config.settings import flatten
 from ogm_mcmc.engine.joint_poses import PoseRefinement
 from ogm_mcmc.engine.live_map import map_of
@@ -49,7 +50,6 @@ from ogm_mcmc.lab.experiments.datasets import run_all
 from ogm_mcmc.lab.experiments.leaderboard_page import leaderboard_page
 from ogm_mcmc.lab.experiments.mappers import (
     BURN_IN,
-    CHAINS,
     MAPPERS,
     SWEEPS,
     WITH_JOINT_POSES,
@@ -79,6 +79,9 @@ UNKNOWN = 0.15
 JUDGE = ForwardModelConfig(sigma=0.05)
 POINT_STEP_M = 0.5
 
+# Quick: so many of the first scans.
+QUICK_SCANS = 60
+
 NOTES = [
     'Maps of even beams, odd beams judge. Differences are to `two_assumption` at the same poses, '
     'paired beam by beam; their standard errors take scans as independent.',
@@ -89,12 +92,13 @@ NOTES = [
 
 
 def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
-    """Map and judge everything; quick: Belgioioso and one building at the two lower densities."""
+    """Map and judge everything; quick: the first scans of Belgioioso and of a building, 25 %."""
     names = [*LOGS, *(f'building-{number}' for number in range(1, BUILDINGS + 1))]
     percents = list(PERCENTS)
     every = {'names': list(names), 'percents': list(percents)}
     if quick:
-        names, percents = ['belgioioso', 'building-2'], percents[1:]
+        names, percents = ['belgioioso', 'building-2'], percents[1:2]
+    short = {'scans': QUICK_SCANS} if quick else {}
     for name in names:
         if name in LOGS:
             LOGS[name].path()  # what is missing is said before hours have gone by
@@ -107,6 +111,7 @@ def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
                 'percent': percent,
                 'poses': poses,
                 'seed': seed,
+                **short,
             }
             for percent in percents
             for name in names
@@ -118,7 +123,8 @@ def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
             'judge': str(JUDGE),
             'unknown': UNKNOWN,
             'point_step_m': POINT_STEP_M,
-            'sweeps': [SWEEPS, BURN_IN, CHAINS],
+            'sweeps': [SWEEPS, BURN_IN],
+            'chains': CHAINS_SAID,
             'live': flatten(MapperConfig()),
             'sampler': flatten(RefineSamplerConfig()),
             'model': asdict(ForwardModelConfig()),
@@ -140,20 +146,36 @@ def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
         for mapper, figures in entry['mappers'].items()
     ]
     found: dict[str, Any] = {'entries': list(parts.values())}
-    page = leaderboard_page({**found, 'version': __version__, 'seed': seed, 'every': every})
+    page = leaderboard_page(
+        {**found, 'version': __version__, 'seed': seed, 'every': every | short}
+    )
     with replacing(folder / 'leaderboard.md') as file:
         file.write_text(page, encoding='utf-8')
     return {
         **found,
         'rows': rows,
-        'settings': {'seed': seed, 'judge': str(JUDGE), 'unknown': UNKNOWN},
+        'settings': {
+            'seed': seed,
+            'judge': str(JUDGE),
+            'unknown': UNKNOWN,
+            'sweeps': SWEEPS,
+            'burn_in': BURN_IN,
+            'chains': CHAINS_SAID,
+            **short,
+        },
         'notes': NOTES,
     }
 
 
-def score(name: str, percent: int, poses: str, seed: int) -> dict[str, Any]:
-    """Map one data set with every mapper that takes such poses, and judge the maps."""
+def score(
+    name: str, percent: int, poses: str, seed: int, scans: int | None = None
+) -> dict[str, Any]:
+    """Map one data set with every mapper that takes such poses, and judge the maps.
+
+    `scans`: so many of the first ones map and judge; None: all.
+    """
     contest = log_contest(name) if name in LOGS else building_contest(name, seed)
+    contest = contest._replace(believed=contest.believed[:scans], judging=contest.judging[:scans])
     believed = [thinned(one, PERCENTS[percent]) for one in contest.believed]
     judging = judging_scans(contest)
     seconds_for_poses = 0.0
@@ -207,7 +229,7 @@ def _judged(
     base = _log_likelihood(maps[BASE].grid_map, beams, contest)
     counted = None if contest.truth is None else _measured(contest)
     found = {}
-    for name, (grid_map, used) in maps.items():
+    for name, (grid_map, used, chains) in maps.items():
         values = _log_likelihood(grid_map, beams, contest)
         nats, difference = beams.mean(values), beams.mean(values - base)
         of_points = score_points(points, probability_at(grid_map, points.xy_m, UNKNOWN))
@@ -220,6 +242,7 @@ def _judged(
             'points_log_loss': of_points.log_loss.value,
             'seconds': round(used.seconds, 3),
             'megabytes': used.megabytes,
+            'chains': chains,
             **({} if counted is None else _against_truth(grid_map, contest, counted)),
         }
     return found

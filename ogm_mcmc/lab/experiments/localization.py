@@ -77,6 +77,9 @@ SEARCHING = ParticleFilterSettings(particles=400, beams=30, spread_m=1.0, spread
 TRIALS, SCANS_TO_RECOVER = 8, 8
 FOUND_M, FOUND_RAD = 0.5, 0.3
 
+# Quick: the first scans of a log, and fewer wrong starts.
+QUICK_SCANS, QUICK_TRIALS = 100, 4
+
 NOTES = [
     'Errors are mean distances to the reference of scans while not lost; +- are standard errors '
     'over runs. Lost: times a run. Found: shares of wrong starts.',
@@ -89,8 +92,9 @@ NOTES = [
 
 
 def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
-    """Five runs of five logs at four shares of beams; quick: two of a building at two shares."""
+    """Five runs of five logs, four shares of beams; quick: two of a short one, two shares."""
     logs, shares, runs = (LOGS[2:3], SHARES[1::2], 2) if quick else (LOGS, SHARES, RUNS)
+    short = {'scans': QUICK_SCANS, 'trials': QUICK_TRIALS} if quick else {}
     check_data(logs)  # what is missing is said before hours have gone by
     references = _references(folder, [log for log in logs if log in RECORDED], seed)
     results = run_all(
@@ -103,6 +107,7 @@ def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
                 'number': number,
                 'seed': seed,
                 **references.get(log, {}),
+                **short,
             }
             for number in range(1, runs + 1)
             for log in logs
@@ -140,6 +145,7 @@ def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
     settings = {
         'seed': seed,
         'runs': runs,
+        **short,
         'tracking': asdict(TRACKING),
         'searching': asdict(SEARCHING),
         'lost': f'{LOST_M:g} m or {LOST_RAD:g} rad',
@@ -165,21 +171,29 @@ def _references(folder: Path, logs: Sequence[str], seed: int) -> dict[str, dict[
 
 
 def score(
-    log: str, share: float, number: int, seed: int, reference: Poses | None = None
+    log: str,
+    share: float,
+    number: int,
+    seed: int,
+    reference: Poses | None = None,
+    scans: int | None = None,
+    trials: int | None = None,
 ) -> dict[str, Any]:
     """Map half of a log with a share of its beams and localize the other half in every way.
 
-    `reference`: the joint poses of a recorded log, see `log_of`.
+    reference  the joint poses of a recorded log, see `log_of`
+    scans      so many of the first ones; None: all
+    trials     wrong starts; None: `TRIALS`
     """
-    taken = log_of(log, seed, reference)
+    taken = log_of(log, seed, reference).first(scans)
     rng = np.random.default_rng((seed, number, round(1000 * share)))
     placed = some_beams(taken.placed(slice(0, None, 2)), share, rng)
     maps = maps_of(placed, taken.resolution_m, seed + number)
-    filter_seed = int(rng.integers(2**32))
+    filter_seed, starts = int(rng.integers(2**32)), trials or TRIALS
     return {
         reader: {
             **track(taken, fit, power, np.random.default_rng(filter_seed)),
-            'found': recover(taken, fit, power, np.random.default_rng(filter_seed)),
+            'found': recover(taken, fit, power, np.random.default_rng(filter_seed), starts),
         }
         for reader, (fit, power) in readers_of(maps).items()
     }
@@ -213,10 +227,10 @@ def track(
     return {'error_m': float(away), 'error_deg': math.degrees(turned), 'lost': lost}
 
 
-def recover(log: Log, fit: ScanFit, power: float, rng: np.random.Generator) -> float:
+def recover(log: Log, fit: ScanFit, power: float, rng: np.random.Generator, trials: int) -> float:
     """Return the share of wrong starts, all along a log, from which the filter finds back."""
     poses, told = poses_of(log.reference), poses_of(log.odometry)
-    starts = np.linspace(1, len(poses) - 1 - 2 * SCANS_TO_RECOVER, TRIALS).astype(int) | 1
+    starts = np.linspace(1, len(poses) - 1 - 2 * SCANS_TO_RECOVER, trials).astype(int) | 1
     found = 0
     for first in starts:
         filtering = ParticleFilter(fit, replace(SEARCHING, power=power), log.noise, rng)
@@ -229,7 +243,7 @@ def recover(log: Log, fit: ScanFit, power: float, rng: np.random.Generator) -> f
                 filtering.weigh(log.scans[k])
         away, turned = _off(filtering.belief().mean, poses[last])
         found += away < FOUND_M and turned < FOUND_RAD
-    return found / TRIALS
+    return found / trials
 
 
 def _wrong(pose: Pose2D, rng: np.random.Generator) -> Pose2D:

@@ -67,6 +67,11 @@ class Log(NamedTuple):
     noise: OdometryNoise
     resolution_m: float
 
+    def first(self, most: int | None) -> Log:
+        """Return the log up to so many scans; None: all of it."""
+        reference, odometry = self.reference[:most], self.odometry[:most]
+        return self._replace(scans=self.scans[:most], reference=reference, odometry=odometry)
+
     def placed(self, chosen: slice) -> list[PlacedScan]:
         """Return some scans at their poses."""
         pairs = zip(self.scans[chosen], poses_of(self.reference[chosen]), strict=True)

@@ -31,7 +31,7 @@ __all__ = [
     'Used',
 ]
 
-SWEEPS, BURN_IN, CHAINS = 60, 20, 2
+SWEEPS, BURN_IN = 60, 20
 
 
 class Used(NamedTuple):
@@ -42,10 +42,11 @@ class Used(NamedTuple):
 
 
 class Mapped(NamedTuple):
-    """A map and what it cost."""
+    """A map, what it cost, and of how many chains it is the mean: none of a live map."""
 
     grid_map: GridMap
     used: Used
+    chains: int = 0
 
 
 class Lattice(Protocol):
@@ -110,7 +111,7 @@ def _sampler(patch: PatchConfig) -> Mapper:
         config = replace(
             defaults,
             window=NodeWindowConfig(resolution=lattice.cell_m, no_return=lattice.no_return),
-            chain=replace(defaults.chain, chains=CHAINS, burn_in=BURN_IN, seed=seed),
+            chain=replace(defaults.chain, burn_in=BURN_IN, seed=seed),
             patch=patch,
         )
         warm_up_sampling(config)
@@ -120,7 +121,9 @@ def _sampler(patch: PatchConfig) -> Mapper:
         for _ in refinement.run(StopConfig(max_sweeps=SWEEPS, max_time=1e6, r_hat=0.0)):
             pass
         found = refinement.map()
-        return Mapped(found, watch.stop())
+        used = watch.stop()
+        assert refinement.sampler is not None
+        return Mapped(found, used, len(refinement.sampler.states))
 
     return made
 

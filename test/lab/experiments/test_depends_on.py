@@ -11,7 +11,7 @@ from ogm_mcmc.lab.experiments import contests, exploration, leaderboard, localiz
 CONSTANTS = [
     (exploration, ['PLACES', 'BEAMS', 'PATIENCE_M', 'WORTHLESS_NATS', 'UNKNOWN', 'SETTLING']),
     (exploration, ['KEPT', 'BURN_IN', 'COUNTED']),
-    (leaderboard, ['SWEEPS', 'BURN_IN', 'CHAINS', 'POINT_STEP_M', 'RUN', 'BEAMS', 'REACH_M']),
+    (leaderboard, ['SWEEPS', 'BURN_IN', 'CHAINS_SAID', 'POINT_STEP_M', 'RUN', 'BEAMS', 'REACH_M']),
     (localization, ['LOST_M', 'LOST_RAD', 'OFF_M', 'OFF_RAD', 'FOUND_M', 'FOUND_RAD', 'TRIALS']),
     (localization, ['BURN_IN', 'SWEEPS_BETWEEN', 'MOST_SAMPLES', 'MOST_SCANS']),
 ]

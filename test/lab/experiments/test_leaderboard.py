@@ -56,6 +56,16 @@ def test_a_room_is_judged_by_beams_and_truth(monkeypatch: pytest.MonkeyPatch) ->
     assert 0.5 < base['best_f1'] < 0.6
     assert base['points_roc_area'] > 0.8
     assert base['seconds'] >= 0.0
+    assert base['chains'] == 0
+    assert leaderboard.score('building-1', 100, 'fixed', 1, scans=2)['scans'] == 2
+
+
+def test_a_sampled_map_tells_of_how_many_chains_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The default for single cells."""
+    monkeypatch.setattr(mappers, 'warm_up_sampling', lambda config: None)  # no clock counts here
+    made = mappers.MAPPERS['sampled, single cells'](room().believed, room(), 1)
+    assert made.chains == 2
+    assert np.isfinite(made.grid_map.probability).any()
 
 
 def test_resources_tell_how_much_memory_was_taken() -> None:
@@ -105,6 +115,13 @@ def test_the_page_has_a_line_for_each_mapper_and_marks_the_best() -> None:
     missing = 'no csail, no 25 % of the beams, no building-1 with 100 %, no building-2 with 100 %'
     assert lines[-1] == f'- In this result: {missing}.'
     assert '- With joint poses only `two_assumption` and `sampled, border prior` are run.' in lines
+
+
+def test_the_page_of_a_quick_run_says_of_how_many_scans_it_is() -> None:
+    every = {'names': ['building-1'], 'percents': [25], 'scans': 60}
+    entries = [entry('building-1', 25, 'fixed', a=1.0)]
+    page = leaderboard_page({'version': '1', 'seed': 3, 'every': every, 'entries': entries})
+    assert page.endswith('\n- In this result: no scans but the first 60.\n')
 
 
 def test_the_page_in_the_docs_is_what_the_experiment_writes() -> None:

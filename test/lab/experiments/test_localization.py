@@ -53,10 +53,10 @@ def test_a_filter_keeps_to_its_way_in_a_room_without_symmetry(room):
 def test_a_filter_finds_back_where_the_map_says_where_it_is(room):
     truth, log = room
     fit = ProbabilityBeams(truth, MODEL, 0.05)
-    assert localization.recover(log, fit, 0.2, np.random.default_rng(2)) >= 0.75
+    assert localization.recover(log, fit, 0.2, np.random.default_rng(2), 8) >= 0.75
     nothing = GridMap(truth.spec, np.full_like(truth.probability, np.nan))
     nowhere = LikelihoodField(nothing)
-    assert localization.recover(log, nowhere, 1.0, np.random.default_rng(2)) <= 0.25
+    assert localization.recover(log, nowhere, 1.0, np.random.default_rng(2), 8) <= 0.25
 
 
 def test_each_loss_counts_once(room):
@@ -111,7 +111,7 @@ def test_every_reader_is_scored(room, monkeypatch):
     monkeypatch.setattr(localization, 'TRACKING', few)
     monkeypatch.setattr(localization, 'SEARCHING', replace(few, spread_m=1.0, spread_rad=0.5))
     monkeypatch.setattr(localization, 'TRIALS', 2)
-    scored = localization.score('room', 1.0, 1, 3)
+    scored = localization.score('room', 1.0, 1, 3, scans=30)
     assert set(scored) == set(READERS)
     for reader, judged in scored.items():
         assert judged['lost'] == 0, reader
