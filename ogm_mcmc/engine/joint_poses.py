@@ -242,7 +242,7 @@ class KeptPoses:
     def forget(self) -> None:
         """Leave no poses of before, and no choice."""
         self.scans, self.refinement, self.placed, self.trajectory = (), None, [], None
-        self.joint = None
+        self.joint, self._bent = None, BentScans()
 
 
 def _deviations(covariances: Float64Array) -> Float64Array:
