@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from ogm_mcmc.arrays import Float64Array
-from ogm_mcmc.engine.collision import chance_of_unknown, collision_risk
+from ogm_mcmc.engine.collision import collision_risk
 from ogm_mcmc.engine.joint_poses import RefinedTrajectory
 from ogm_mcmc.engine.no_returns import NoReturnChoice
 from ogm_mcmc.engine.progress import Progress
@@ -25,7 +25,8 @@ class RefinedMap(NamedTuple):
     also where data says nothing; a cell of which nothing is known has `prior`. `trajectory` are
     the poses it was sampled at, where they are estimated; `samples` some of the maps, None while
     no sweep counts. `guess`, the live map of the same scans, says with a few draws what is known.
-    `unknown` is the chance of unknown space in `collision_risk`, None: found when asked.
+    `unknown`, given with `samples`, is what `collision_risk` takes unknown space for: finding it
+    (`chance_of_unknown`) takes a pass over all of them, too long for every question.
     """
 
     number: int
@@ -47,12 +48,9 @@ class RefinedMap(NamedTuple):
         places  (N, 2), m. Raises WindowError while there are no samples, and what
         `ogm_mcmc.engine.collision.collision_risk` raises.
         """
-        if self.samples is None:
+        if self.samples is None or self.unknown is None:
             raise WindowError('no sweep counts yet: no samples of the map')
-        unknown = self.unknown
-        if unknown is None:
-            unknown = chance_of_unknown(self.samples, self.prior)
-        return collision_risk(self.samples, places, radius_m, unknown)
+        return collision_risk(self.samples, places, radius_m, self.unknown)
 
     def shown(self, margin: float) -> GridMap:
         """Return the map where draws are surer than the prior by `margin`: `hide_uncertain`."""

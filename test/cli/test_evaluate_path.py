@@ -64,7 +64,7 @@ def test_what_data_did_not_move_is_one_chance_as_on_collision_query(folder, caps
     unknown = 0.2 if said else chance_of_unknown(bits, 0.4)
     assert [*path['risk'], path['whole_way']] == pytest.approx([0.0, unknown, unknown, unknown])
     assert found['settings']['unknown'] == unknown
-    node = RefinedMap(1, shown, shown, 0.4, 4, 1, 0, True, samples=bits)
+    node = RefinedMap(1, shown, shown, 0.4, 4, 1, 0, True, samples=bits, unknown=unknown)
     if not said:
         answer = node.collision_risk(np.array(WAY), 0.06).tolist()
         assert answer == [*path['risk'], path['whole_way']]

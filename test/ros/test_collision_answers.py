@@ -13,6 +13,7 @@ from rclpy.parameter import Parameter
 from std_msgs.msg import Float32MultiArray
 from support.local_ros import Logs, local_node
 
+from ogm_mcmc.engine.collision import chance_of_unknown
 from ogm_mcmc.engine.refined_map import RefinedMap
 from ogm_mcmc.geometry import GridMap, GridSpec, SampleBits
 from ogm_mcmc.ros.qos import QUESTIONS
@@ -36,7 +37,10 @@ def result(spec, maps):
     known = np.ones((spec.height, spec.width), bool)
     mean = GridMap(spec, maps.mean(axis=0, dtype=np.float32))
     samples = SampleBits.of_maps(spec, maps, known)
-    return RefinedMap(1, mean, mean, 0.2, len(maps), 1, 0, final=True, samples=samples)
+    unknown = chance_of_unknown(samples, 0.2)
+    return RefinedMap(
+        1, mean, mean, 0.2, len(maps), 1, 0, final=True, samples=samples, unknown=unknown
+    )
 
 
 @pytest.fixture(scope='module')
