@@ -262,9 +262,7 @@ def alike(one: ForwardModelConfig, other: ForwardModelConfig) -> bool:
         and math.isclose(one.grazing, other.grazing, rel_tol=SAME_SIGMA, abs_tol=least)
     )  # fmt: skip
     found = replace(one, clutter=other.clutter, missing=other.missing)
-    return found == other or (
-        near and replace(found, sigma=other.sigma, grazing=other.grazing) == other
-    )
+    return near and replace(found, sigma=other.sigma, grazing=other.grazing) == other
 
 
 def may_stay(one: ForwardModelConfig, other: ForwardModelConfig) -> bool:
