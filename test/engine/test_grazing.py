@@ -9,7 +9,17 @@ from support.strategies import fan
 
 from ogm_mcmc.config import ChainConfig, SamplerConfig, WindowConfig
 from ogm_mcmc.config.nodes import NodeModelConfig
-from ogm_mcmc.engine.grazing import HALF, SEEN_BEFORE, Grazing, _misses, _spread, grazing_of, told
+from ogm_mcmc.engine.grazing import (
+    ALIKE_M,
+    HALF,
+    SEEN_BEFORE,
+    Grazing,
+    _Misses,
+    _misses,
+    _spread,
+    grazing_of,
+    told,
+)
 from ogm_mcmc.engine.range_spread import Spread
 from ogm_mcmc.engine.sensor_fit import alike, fit_sensor
 from ogm_mcmc.geometry import CellBox, PlacedScan, Pose2D
@@ -40,8 +50,10 @@ def test_a_wall_that_begins_with_its_cells_is_not_off_and_one_far_in_them_is():
     near, far = found(1.001), found(1.095)
     assert told(near) < 0.25 * told(far)
     # A median of distances that hardly differ is taken for that of a Gaussian.
-    assert far.low_95 <= told(far) <= far.high_95 < 1.05 * 0.9 / HALF * CELL
-    assert far.low_95 > 0.8 * 0.9 / HALF * CELL
+    expected = 0.9 / HALF * CELL
+    assert 0.8 * expected < told(far) < 1.05 * expected
+    # It is one wall, some squares long, whose ends are grazed most.
+    assert 0.6 * expected < far.low_95 < told(far) < far.high_95 < 1.5 * expected
     assert far.beams > 100
 
 
@@ -55,33 +67,74 @@ def test_codes_of_no_return_are_no_readings_of_a_wall():
         placed = wall._replace(scan=replace(wall.scan, ranges_m=ranges))
         return [array.tolist() for array in _misses(placed, CELL, solid, box)]
 
-    slants, off = misses_of(20.5)
-    assert (slants, off) == tuple(misses_of(math.inf))
+    assert misses_of(20.5) == misses_of(math.inf)
+    slants, _, places = misses_of(20.5)
     assert len(slants) > 20
+    # Walls up to four m to either side lie in a few squares.
+    assert 2 <= len(set(places)) <= 2 * (8.0 / ALIKE_M + 1)
+
+
+def spread_of(slants, misses, places=None):
+    """The spread of readings, each at a place of its own where none is named."""
+    places = np.arange(len(slants)) if places is None else places
+    return _spread(_Misses(slants, misses, places), CELL)
 
 
 def test_medians_on_paper():
     slants, misses = np.array([0.1] * 101 + [2.0] * 401), np.zeros(502)
     misses[:101] = 0.2
     misses[101:] = np.linspace(-1.0, 1.0, 401) * 2.0
-    one = _spread(slants, misses, CELL)
+    one = spread_of(slants, misses)
     known = 401 / (401 + SEEN_BEFORE)
     across = math.sqrt(known * (1.0 - 0.2**2)) / HALF / 2.0
     assert one.mean == pytest.approx(CELL * across, rel=0.01)
     assert one.low_95 < one.mean < one.high_95
-    half, _, much = np.quantile(np.abs(misses[101:]), [0.5 - 0.05, 0.5, 0.5 + 0.05])
+    off = 0.98 / math.sqrt(401)
+    half, much = np.quantile(np.abs(misses[101:]), [0.5 - off, 0.5 + off])
     ends = np.sqrt(known * (np.array([half, much]) ** 2 - 0.2**2)) / HALF / 2.0 * CELL
     assert (one.low_95, one.high_95) == pytest.approx(ends, rel=0.01)
     assert told(one) == one.mean
 
 
+def test_neighbours_on_a_wall_make_nothing_surer():
+    """Twenty readings that err alike say as much as one of them, wherever in a scan they stand."""
+    rng = np.random.default_rng(2)
+    slants = np.array([0.1] * 40 + [2.0] * 80)
+    misses = np.concatenate((np.full(40, 0.2), rng.normal(0.0, 1.5, 80)))
+    alone = spread_of(slants, misses)
+    places = np.tile(np.arange(120), 20)
+    many = spread_of(np.tile(slants, 20), np.tile(misses, 20), places)
+    more = math.sqrt((1600 / (1600 + SEEN_BEFORE)) / (80 / (80 + SEEN_BEFORE)))
+    assert (many.mean, many.low_95, many.high_95) == pytest.approx(
+        (alone.mean * more, alone.low_95 * more, alone.high_95 * more), rel=0.05
+    )
+    unfounded = spread_of(np.tile(slants, 20), np.tile(misses, 20))
+    assert unfounded.high_95 - unfounded.low_95 < 0.4 * (many.high_95 - many.low_95)
+    # And one wall, however long one looks at it, says nothing of others.
+    assert told(spread_of(slants, misses, np.zeros(120, np.int64))) == 0.0
+
+
+def test_intervals_hold_as_often_as_they_say():
+    rng, held = np.random.default_rng(5), 0
+    truth = CELL * math.sqrt(1.5**2 - 0.2**2) / 2.0
+    for _ in range(100):
+        places = np.repeat(np.arange(60), 8)
+        walls = 1.5 * np.abs(rng.normal(size=60))
+        misses = np.concatenate((np.full(480, 0.2 * HALF), np.repeat(walls, 8)))
+        slants = np.repeat([0.1, 2.0], 480)
+        one = spread_of(slants, misses, np.concatenate((places, places)))
+        known = math.sqrt(480 / (480 + SEEN_BEFORE))
+        held += one.low_95 <= truth * known <= one.high_95
+    assert 88 <= held <= 99
+
+
 def test_what_chance_may_have_made_and_what_nobody_met_do_not_count():
     slants, misses = np.array([0.1] * 9 + [2.0] * 9), np.full(18, 0.2)
     misses[14:] = 3.0
-    few = _spread(slants, misses, CELL)
+    few = spread_of(slants, misses)
     assert few.mean == few.low_95 == told(few) == 0.0
     assert few.high_95 > 0.0
-    assert _spread(np.zeros(0), np.zeros(0), CELL) == Spread(0.0, None, 0, 0.0, 0.0)
+    assert spread_of(np.zeros(0), np.zeros(0)) == Spread(0.0, None, 0, 0.0, 0.0)
     assert told(Spread(0.1, 0.1, 9, 0.0, 0.3)) == 0.0
 
 
