@@ -7,7 +7,7 @@ import importlib
 import sys
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from ogm_mcmc import __version__
 from ogm_mcmc.cli.options import drop_output, path_argument
@@ -41,6 +41,10 @@ class _Parser(argparse.ArgumentParser):
     def __init__(self, *args: Any, **options: Any) -> None:
         super().__init__(*args, **options)
         self.register('type', Path, path_argument)
+
+    def error(self, message: str) -> NoReturn:
+        """Say what is wrong in one line: options of some commands fill a screen."""
+        self.exit(2, f'{self.prog}: error: {message} (options: {self.prog} -h)\n')
 
 
 def make_parser(commands: Iterable[str] = COMMANDS) -> argparse.ArgumentParser:

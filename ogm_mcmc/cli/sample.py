@@ -364,11 +364,13 @@ def _text(result: dict[str, Any]) -> str:
         if 'deviation_m' in of:
             moved += f', now sure to {100.0 * of["deviation_m"]:.1f} cm'
     merged = f' ({result["rays_merged"]} merged with equal ones)' if result['rays_merged'] else ''
+    many = result['chains']
+    chains = f'each of {many} chains' if many != 1 else 'one chain'
     early = '' if result['counted'] else ' before the end of the burn-in: no posterior mean yet'
     return (
         f'{result["scans_used"]} of {result["scans"]} scans, {result["rays"]} rays{merged} -> '
         f'{result["files"]["yaml"]}: {result["cells"]} cells, {result["counted"]} sweeps counted '
-        f'of each of {result["chains"]} chains, {result["sweeps_per_s"]:.1f}/s, '
+        f'of {chains}, {result["sweeps_per_s"]:.1f}/s, '
         f'R-hat {r_hat} (99 %){agreeing}; '
         f'stopped: {result["reason"]}{early}{moved}' + (f'; dropped: {dropped}' if dropped else '')
     )

@@ -31,9 +31,9 @@ class SeenTopic(NamedTuple):
     """A topic with headers: `stamps` (N,) ns of its messages in `frame`, its most frequent one.
 
     `frames`: all of them, the most frequent first, `middle_ns` the stamp of one message of each
-    from the middle. `child_frame`: of the first message, where
-    its type has one, or as the bag notes. `unstamped`: all stamps are 0 in the messages; those
-    here are the times at which they were recorded. `sampled`: some of its scans, from all over.
+    from the middle. `child_frame`: of the first message, where its type has one, or as the bag
+    notes. `unstamped`: all stamps are 0 or all the same in the messages; those here are the times
+    at which they were recorded. `sampled`: some of its scans, from all over.
     """
 
     topic: BagTopic
@@ -70,6 +70,7 @@ def survey(bag: BagReader, headed: Iterable[BagTopic], tf: Iterable[BagTopic]) -
     stamps: dict[str, dict[str, array[int]]] = {name: {} for name in known}
     recorded: dict[str, dict[str, array[int]]] = {name: {} for name in known}
     stamped: set[str] = set()
+    first: dict[str, int] = {}
     children: dict[str, str] = {}
     sampled: dict[str, list[BagRecord]] = {name: [] for name in known}
     met: Counter[str] = Counter()
@@ -85,7 +86,7 @@ def survey(bag: BagReader, headed: Iterable[BagTopic], tf: Iterable[BagTopic]) -
             sampled[record.topic].append(record)
         met[record.topic] += 1
         stamps[record.topic].setdefault(header.frame, array('q')).append(header.stamp_ns)
-        if header.stamp_ns:
+        if header.stamp_ns != first.setdefault(record.topic, header.stamp_ns):
             stamped.add(record.topic)
         elif record.topic not in stamped:
             recorded[record.topic].setdefault(header.frame, array('q')).append(record.time_ns)

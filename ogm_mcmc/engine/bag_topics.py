@@ -130,7 +130,8 @@ def _with_poses(
     unstamped = sorted(n for n, one in seen.topics.items() if one.unstamped and n in used)
     if unstamped:
         remarks.append(
-            f'stamps on {", ".join(unstamped)} are all 0: the times of recording are taken'
+            f'stamps on {", ".join(unstamped)} are all 0 or all the same: the times of recording '
+            'are taken'
         )
     unstamped_frames = _unstamped_above(seen, scans, frames.base_frame)
     if unstamped_frames:

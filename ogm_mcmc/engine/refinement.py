@@ -12,6 +12,7 @@ from __future__ import annotations
 import operator
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +35,13 @@ from ogm_mcmc.engine.progress import IndexSize, Progress
 from ogm_mcmc.engine.range_spread import blur_of
 from ogm_mcmc.engine.recording import fingerprint
 from ogm_mcmc.engine.sampling_rounds import SamplingRounds
-from ogm_mcmc.engine.saved_chains import load_chains, save_chains, saved_settings
+from ogm_mcmc.engine.saved_chains import (
+    FINGERPRINT,
+    load_chains,
+    require_saved,
+    save_chains,
+    saved_settings,
+)
 from ogm_mcmc.engine.sensor_fit import (
     SensorNumbers,
     alike,
@@ -299,12 +306,7 @@ class Refinement:
         """
         if self.sampler is None:
             raise WindowError('no scan was taken: take those of the saved state first')
-
-        def accept(saved: dict[str, Any]) -> None:
-            different = [key for key, value in self._identity().items() if saved.get(key) != value]
-            if different:
-                raise WindowError(f'{path}: expected a state of these scans; other {different[0]}')
-
+        accept = partial(require_saved, path, self._identity())
         saved = saved_settings(path)
         accept(saved)
         held, self._index_spent = (self.model, self.sensor), False
@@ -328,7 +330,7 @@ class Refinement:
         self.sampler, self.rounds = sampler, SamplingRounds()
 
     def _identity(self) -> dict[str, Any]:
-        return {**self.settings(), 'fingerprint': fingerprint(self._taken)}
+        return {FINGERPRINT: fingerprint(self._taken), **self.settings()}
 
     # -- maps out ---------------------------------------------------------------------------
 

@@ -21,7 +21,10 @@ from ogm_mcmc.sampling import PosteriorModel, PosteriorSampler
 from ogm_mcmc.sampling.diagnostics import BatchCounts
 from ogm_mcmc.sampling.gibbs_kernels import PARTS
 
-__all__ = ['load_chains', 'save_chains', 'saved_settings']
+__all__ = ['FINGERPRINT', 'load_chains', 'require_saved', 'save_chains', 'saved_settings']
+
+# Among the settings, that of the scans: the first of them.
+FINGERPRINT = 'fingerprint'
 
 # Of 1 sweeps were counted, not parts of them; up to 2 where chains look most followed from counts;
 # up to 3 it was decided later, and a burn-in never ended early; up to 4 nothing was said of
@@ -102,6 +105,21 @@ def saved_settings(path: Path) -> dict[str, Any]:
     with npz_file(path, 'a saved sampling state', WindowError) as held:
         settings: dict[str, Any] = _header_in(held, path)['settings']
         return dict(settings)
+
+
+def require_saved(path: Path, wanted: dict[str, Any], saved: dict[str, Any]) -> None:
+    """Raise WindowError unless a state was saved with these settings; says the first that differs.
+
+    Other scans are said before settings that follow from them (`window.no_return`, found).
+    """
+    for key, value in wanted.items():
+        if key not in saved or saved[key] != value:
+            if key == FINGERPRINT:
+                raise WindowError(
+                    f'{path}: a state of other scans: expected one of those of this window'
+                )
+            was = f' {saved[key]}' if key in saved else ''
+            raise WindowError(f'{path}: expected {key}{was}, as it was saved with, not {value}')
 
 
 def _header_in(held: NpzFile, path: Path) -> dict[str, Any]:

@@ -99,9 +99,9 @@ class StreamTopics(NamedTuple):
         """Refuse what nodes cannot place: they see no times of recording. Raises BagError."""
         if self.unstamped:
             raise BagError(
-                f'{path}: stamps on {", ".join(sorted(self.unstamped))} are all 0: expected those '
-                'of the measurements, by which nodes place scans (`map` takes the times of '
-                'recording)'
+                f'{path}: stamps on {", ".join(sorted(self.unstamped))} are all 0 or all the '
+                'same: expected those of the measurements, by which nodes place scans (`map` '
+                'takes the times of recording)'
             )
 
     @property

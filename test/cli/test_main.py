@@ -46,6 +46,17 @@ def test_otherwise_all_of_them_are_named(words, capsys):
         assert 'required: COMMAND' in printed.err
 
 
+def test_what_is_wrong_is_said_in_one_line(capsys):
+    """The usage of a command with many options fills a screen; what is wrong was below it."""
+    with pytest.raises(SystemExit) as stopped:
+        main.run(['sample', 'bag', '-o', 'out', '--chains', '1.5'])
+    assert stopped.value.code == 2
+    assert capsys.readouterr().err.splitlines() == [
+        "ogm_mcmc sample: error: argument --chains/--chain.chains: invalid int value: '1.5' "
+        '(options: ogm_mcmc sample -h)'
+    ]
+
+
 @pytest.fixture
 def full():
     """A stream on a disk that is full; it writes every line at once, as standard error does."""

@@ -136,9 +136,10 @@ def test_a_state_of_something_else_is_refused(sample, tmp_path, office_bag, caps
     sample(*few)
     before = (tmp_path / 'state.npz').read_bytes()
     for change, reason in (
-        (('--seed', '5'), 'other chain.seed'),
-        (('--clutter', '0.06'), 'other model.clutter'),
-        (('--resolution', '0.25'), 'other window.resolution'),
+        (('--seed', '5'), 'expected chain.seed 1, as it was saved with, not 5'),
+        (('--clutter', '0.06'), 'expected model.clutter 0.05, as it was saved with, not 0.06'),
+        (('--resolution', '0.25'), 'expected window.resolution 0.2, as it was saved'),
+        (('--max-scans', '7'), 'a state of other scans: expected one of those of this window'),
     ):
         assert run(['sample', str(office_bag), *few, *change]) == 2
         assert reason in capsys.readouterr().err

@@ -281,18 +281,20 @@ def test_poses_that_come_rarely(choose, scans, make_pose):
     assert said[1].startswith('poses on /amcl_pose come every 0.7 s: ')
 
 
-def test_stamps_that_are_all_0(choose, make_scan, make_pose):
-    """A driver that sets none: what was recorded when is known all the same."""
+@pytest.mark.parametrize('always', [0, STAMPS[0]])
+def test_stamps_that_are_all_the_same(choose, make_scan, make_pose, always):
+    """A driver that sets none, a clock that stands still: what was recorded when is known."""
     records = []
     for k, time in enumerate(STAMPS):
-        records.append(('/pose', time, make_pose(0, x=float(k))))
-        records.append(('/scan', time, make_scan(0, ranges=[k + 1.0] * 5)))
+        records.append(('/pose', time, make_pose(always, x=float(k))))
+        records.append(('/scan', time, make_scan(always, ranges=[k + 1.0] * 5)))
     topics, placed, said = choose(records, max_speed_m_s=100.0)
     assert [scan.pose.x_m for scan in placed] == [0, 1, 2, 3, 4, 5, 6, 7]
     assert [scan.scan.stamp_ns for scan in placed] == STAMPS
     assert topics.unstamped == {'/pose', '/scan'}
-    assert 'stamps on /pose, /scan are all 0: the times of recording are taken' in said
-    with pytest.raises(BagError, match='stamps on /pose, /scan are all 0: expected those'):
+    same = 'stamps on /pose, /scan are all 0 or all the same: '
+    assert f'{same}the times of recording are taken' in said
+    with pytest.raises(BagError, match=f'{same}expected those'):
         topics.require_stamps('bag')
 
 

@@ -143,7 +143,7 @@ def test_what_was_sampled_otherwise_is_refused_and_changes_nothing(tmp_path):
     others = {
         'seed': taken(scans(), replace(CONFIG, chain=replace(CONFIG.chain, seed=2))),
         'prior': taken(scans(), replace(CONFIG, chain=replace(CONFIG.chain, prior=0.2))),
-        'fingerprint': taken(moved),
+        'a state of other scans': taken(moved),
         'scans': taken(scans(3)),
     }
     for what, other in others.items():
