@@ -244,7 +244,7 @@ class ManagedNode(LifecycleNode):
         if failure is not None:
             raise failure
         if not self._warming.done:
-            self.compiling = f'compiling kernels, {seconds:.0f} s'
+            self.compiling = f'loading or compiling kernels, {seconds:.0f} s'
             if self._warming.time_to_say():
                 self.get_logger().info(f'{self.compiling} (kept for the next start)')
             return

@@ -121,7 +121,7 @@ def test_refine_says_that_kernels_are_compiled_first(monkeypatch):
         answer = node.on_refine(Trigger.Request(), Trigger.Response())
         kernels.set()
     assert not answer.success
-    assert answer.message.startswith('compiling kernels, ')
+    assert answer.message.startswith('loading or compiling kernels, ')
     assert answer.message.endswith('scans are taken after that')
 
 
