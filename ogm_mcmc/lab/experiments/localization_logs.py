@@ -2,8 +2,8 @@
 
 `intel` has the odometry of its own wheels, `freiburg` none that is raw: there, and in the
 generated buildings, it is simulated. Recorded logs are judged by joint poses of all their scans
-(`ogm_mcmc.trajectory`), buildings by the truth. Joint poses take a minute or two: they are
-estimated once (`reference_of`) for all runs of a log.
+(`ogm_mcmc.trajectory`; beams count as taken at once), buildings by the truth. Joint poses take a
+minute or two: they are estimated once (`reference_of`) for all runs of a log.
 """
 
 from __future__ import annotations
