@@ -9,13 +9,15 @@ seconds from the middle of a scan, for beam i of B:
 half a degree: 13.3 ms apart). `sweep`: from the first beam to the last. Logs name neither, and
 where a driver does, scans were bent before (`ogm_mcmc.engine.deskew`); this is what is left.
 
-How fast the sensor was at a scan, v, is told by the poses before and after and their stamps. What
-beam i saw goes with v t_i, so both numbers enter residuals as poses do, and are found with them:
-a step of Gauss and Newton from the poses on, which are eliminated (Schur complement). A number
-that is not `CLEAR` of 0 in its standard deviations is taken for 0.
+How fast the sensor was at a scan, v, is told by the poses before and after and their stamps
+(`velocities`). What beam i saw goes with v t_i, so both numbers enter residuals as poses do, and
+are found with them: a step of Gauss and Newton from the poses on, which are eliminated (Schur
+complement). A number that is not `CLEAR` of 0 in its deviations is taken for 0.
 
-Belgioioso (361 beams in half degrees): points lie 10.7 mm off their lines instead of 16.1, and
-the sweep is 0.56 of what lies between two turns; half a turn would be 0.5.
+A deviation has two parts. How points scatter: what the model says of that, or what the numbers
+change by where stretches of the recording are left out (jackknife), whichever is more. And how
+well speeds are known, as if all were wrong alike: between two steps the speed may be that of
+either. So scans that are seconds apart, while the robot turns and stops, tell nothing.
 """
 
 from __future__ import annotations
@@ -24,14 +26,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ogm_mcmc.arrays import AnyArray, Float64Array
+from ogm_mcmc.arrays import AnyArray, BoolArray, Float64Array, Int64Array
 from ogm_mcmc.trajectory.curvature import ROUGHLY, widening
 from ogm_mcmc.trajectory.factors import PoseFactors
 from ogm_mcmc.trajectory.points import ScanPoints, wrapped
 from ogm_mcmc.trajectory.surfel_kernels import centre, gather
 from ogm_mcmc.trajectory.surfels import SurfelSystem, solve
 
-__all__ = ['BeamTimes', 'bent_points', 'shown_times', 'velocities']
+__all__ = ['BeamTimes', 'Speeds', 'bent_points', 'clear_numbers', 'shown_times', 'velocities']
 
 # So many standard deviations from 0.
 CLEAR = 5.0
@@ -39,11 +41,32 @@ CLEAR = 5.0
 # Before the data, the numbers are 0 but for so much, s: no lidar takes longer.
 PRIOR_S = 0.2
 
-# Poses so far apart do not tell how fast the sensor was between them.
-LONGEST_STEP_S = 10.0
+# Speeds come from the nearest scans that are so far away, s: errors of poses count little then.
+SHORTEST_STEP_S = 0.08
 
-# Nobody goes so many times as fast as usual: that was a jump of the localizer.
+# Scans further from their neighbours do not tell when beams were taken, s.
+LONGEST_STEP_S = 2.0
+
+# Poses so far apart, s, do not even tell by how much to bend a scan.
+LONGEST_BENT_S = 5.0
+
+# No robot goes or turns faster, m/s and rad/s: that was a jump of the localizer.
 FASTEST = 10.0
+
+# So many stretches, each of which tells as much as any other, show how well numbers are known.
+STRETCHES = 8
+
+
+class Speeds(NamedTuple):
+    """How fast the sensor was at K scans, m/s, m/s, rad/s, as it saw itself.
+
+    `found` (K, 3), 0 where nothing is known; `unsure` (K, 3), what it may be more or less: a
+    standard deviation with its direction; `known` (K,): steps before and after were short.
+    """
+
+    found: Float64Array
+    unsure: Float64Array
+    known: BoolArray
 
 
 class BeamTimes(NamedTuple):
@@ -58,26 +81,40 @@ class BeamTimes(NamedTuple):
         return cls(np.zeros(2), np.full(2, np.nan))
 
 
-def velocities(poses: Float64Array, order: AnyArray, times_s: Float64Array) -> Float64Array:
-    """Return how fast the sensor was at each scan (K, 3), m/s, m/s, rad/s, as it saw itself.
+def velocities(poses: Float64Array, order: AnyArray, times_s: Float64Array) -> Speeds:
+    """Return how fast the sensor was at the scans with these poses (K, 3).
 
-    From the scan before to the one after, by `order` (K,) and `times_s` (K,); 0 where these are
-    the same or too far apart.
+    From a scan before to one after, by `order` (K,) and `times_s` (K,), which go up together.
     """
-    last = len(poses) - 1
-    before, after = np.arange(-1, last).clip(0), np.arange(1, last + 2).clip(0, last)
     sorted_, times = poses[order], times_s[order]
-    steps, seconds = wrapped(sorted_[after] - sorted_[before]), times[after] - times[before]
-    known = (seconds > 0.0) & (seconds <= 2.0 * LONGEST_STEP_S)
-    steps[~known] = 0.0
-    steps /= np.where(known, seconds, 1.0)[:, None]
-    for axis in steps.T:
-        moving = np.abs(axis[axis != 0.0])
-        usual = float(np.median(moving)) if moving.size else 0.0
-        axis.clip(-FASTEST * usual, FASTEST * usual, out=axis)
-    found = np.empty_like(steps)
+    here = np.arange(len(poses))
+    before = np.searchsorted(times, times - SHORTEST_STEP_S, 'right') - 1
+    after = np.searchsorted(times, times + SHORTEST_STEP_S, 'left').clip(0, here.size - 1)
+    before = np.where(times - times[before] > LONGEST_BENT_S, here, before.clip(0))
+    after = np.where(times[after] - times > LONGEST_BENT_S, here, after)
+    sides = [_between(sorted_, times, before, here), _between(sorted_, times, here, after)]
+    steps = _between(sorted_, times, before, after)
+    possible = np.hypot(steps[:, 0], steps[:, 1]).clip(np.abs(steps[:, 2])) <= FASTEST
+    steps[~possible] = 0.0
+    apart = np.stack((times - times[before], times[after] - times))
+    short = (apart >= SHORTEST_STEP_S) & (apart <= LONGEST_STEP_S)
+    found, unsure = np.empty_like(steps), np.empty_like(steps)
     found[order] = _turned(steps, -sorted_[:, 2])
-    return found
+    # As likely that of the step before as that of the one after, or any between.
+    unsure[order] = _turned((sides[1] - sides[0]) / np.sqrt(12.0), -sorted_[:, 2])
+    known = np.empty(here.size, np.bool_)
+    known[order] = possible & short.all(axis=0)
+    return Speeds(found, unsure, known)
+
+
+def _between(
+    poses: Float64Array, times: Float64Array, first: AnyArray, last: AnyArray
+) -> Float64Array:
+    """Return how fast poses went from the first (K,) to the last (K,), 0 where that is no time."""
+    seconds = times[last] - times[first]
+    steps = wrapped(poses[last] - poses[first])
+    steps[seconds <= 0.0] = 0.0
+    return np.asarray(steps / np.where(seconds > 0.0, seconds, 1.0)[:, None], np.float64)
 
 
 def _turned(moves: Float64Array, angle: Float64Array) -> Float64Array:
@@ -104,18 +141,24 @@ def shown_times(
     points: ScanPoints,
     factors: PoseFactors,
     poses: Float64Array,
-    speeds: Float64Array,
+    speeds: Speeds,
     now: Float64Array,
     held: float,
+    order: AnyArray,
 ) -> BeamTimes:
     """Return what `system`, points around lines at poses (K, 3), tells of both numbers.
 
-    points  bent by the numbers `now` (2,), s; `speeds` (K, 3) see `velocities`
+    points  bent by the numbers `now` (2,), s
     held    how firmly points hold poses, see `curvature`
+    order   (K,), that in which scans were taken
     """
     at = factors.linearised(poses)
-    along = _turned(speeds, poses[:, 2])
-    rate = np.einsum('ij,ij->i', system.jacobian, along[system.scan])
+    rate = _rates(system, poses, speeds.found * speeds.known[:, None])
+    told = float(system.weight @ rate**2)
+    if told == 0.0:
+        return BeamTimes.at_once()
+    amiss = _rates(system, poses, speeds.unsure * speeds.known[:, None])
+    unsure = np.sqrt(float(system.weight @ amiss**2) / told)
     mean = np.empty(system.total.size)
     changes, pulls, answers = [], [], []
     for part in points.part[system.point].T:
@@ -128,24 +171,52 @@ def shown_times(
         pulls.append(pull)
         answers.append(solve(system, factors, at, pull, accuracy=ROUGHLY))
     uphill = system.gradient + at.gradient
-    precision, gradient = np.eye(2) / PRIOR_S**2, -now / PRIOR_S**2
+    precision, gradient = np.empty((len(poses), 2, 2)), np.empty((len(poses), 2))
     for a in range(2):
-        gradient[a] -= float(system.weight @ (changes[a] * system.residual))
-        gradient[a] -= float((answers[a] * uphill).sum())
+        off = _by_scan(system, changes[a] * system.residual)
+        gradient[:, a] = -off - (answers[a] * uphill).sum(axis=1)
         for b in range(2):
-            precision[a, b] += float(system.weight @ (changes[a] * changes[b]))
-            precision[a, b] -= 0.5 * float((answers[a] * pulls[b] + answers[b] * pulls[a]).sum())
-    return _clear(precision, precision @ now + gradient, widening(system, held))
+            crossed = (answers[a] * pulls[b] + answers[b] * pulls[a]).sum(axis=1)
+            precision[:, a, b] = _by_scan(system, changes[a] * changes[b]) - 0.5 * crossed
+    pull = precision @ now + gradient
+    return clear_numbers(precision[order], pull[order], widening(system, held), unsure)
 
 
-def _clear(precision: Float64Array, pull: Float64Array, wider: float) -> BeamTimes:
-    """Return the numbers that are clear of 0, the least clear left out one by one."""
+def _rates(system: SurfelSystem, poses: Float64Array, speeds: Float64Array) -> Float64Array:
+    """Return how fast every entry goes off its line, m/s, where sensors go at speeds (K, 3)."""
+    along = _turned(speeds, poses[:, 2])
+    return np.asarray(np.einsum('ij,ij->i', system.jacobian, along[system.scan]), np.float64)
+
+
+def _by_scan(system: SurfelSystem, values: Float64Array) -> Float64Array:
+    """Return the weighted sum of values (A,) of each scan (K,)."""
+    weighed = system.weight * values
+    return np.bincount(system.scan, weighed, minlength=len(system.gradient)).astype(np.float64)
+
+
+def clear_numbers(
+    precisions: Float64Array, pulls: Float64Array, wider: float = 1.0, unsure: float = 0.0
+) -> BeamTimes:
+    """Return the numbers that are clear of 0, the least clear left out one by one.
+
+    precisions  (K, 2, 2) and `pulls` (K, 2) of the scans, one after the other
+    wider       how many times so wide points scatter; `unsure`: speeds, as a share of them
+    """
+    prior = np.eye(2) / PRIOR_S**2
+    precision, pull = prior + precisions.sum(axis=0), pulls.sum(axis=0)
+    stretch = _stretches(np.einsum('kaa,a->k', precisions, 1.0 / np.diagonal(precision)))
+    without = [
+        (precision - precisions[stretch == b].sum(axis=0), pull - pulls[stretch == b].sum(axis=0))
+        for b in np.unique(stretch)
+    ]
     found = BeamTimes.at_once()
     kept = [0, 1]
     while kept:
         covariance = np.linalg.inv(precision[np.ix_(kept, kept)])
         seconds = covariance @ pull[kept]
-        deviations = wider * np.sqrt(np.diagonal(covariance))
+        told = [np.linalg.solve(p[np.ix_(kept, kept)], at[kept]) for p, at in without]
+        variance = np.maximum(wider**2 * np.diagonal(covariance), _jackknife(np.array(told)))
+        deviations = np.sqrt(variance + (unsure * seconds) ** 2)
         found.deviations[kept] = deviations
         clear = np.abs(seconds) / deviations
         if clear.min() >= CLEAR:
@@ -153,3 +224,18 @@ def _clear(precision: Float64Array, pull: Float64Array, wider: float) -> BeamTim
             break
         kept.pop(int(np.argmin(clear)))
     return found
+
+
+def _stretches(told: Float64Array) -> Int64Array:
+    """Return in which stretch each scan (K,) is, by how much it tells: each as much as another."""
+    share = np.cumsum(told.clip(0.0))
+    middle = (share - 0.5 * told.clip(0.0)) / max(float(share[-1]), 1e-300)
+    return np.minimum(STRETCHES * middle, STRETCHES - 1).astype(np.int64)
+
+
+def _jackknife(told: Float64Array) -> Float64Array:
+    """Return the variances (n,) of numbers, given those (B, n) without each of B stretches."""
+    count = len(told)
+    if count < 2:
+        return np.full(told.shape[1], np.inf)
+    return np.asarray((count - 1) / count * ((told - told.mean(axis=0)) ** 2).sum(axis=0))

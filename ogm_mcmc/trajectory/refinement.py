@@ -213,12 +213,13 @@ class TrajectoryRefinement:
         if self._times is None or not self.config.beam_times:
             return
         speeds = velocities(poses, self.order, self._times)
-        if not speeds.any():
+        if not speeds.known.any():
             return
-        now = self.beam_times.seconds
-        self.beam_times = shown_times(system, self.points, self.factors, poses, speeds, now, held)
-        self.speeds = speeds
-        self.points = bent_points(self._seen, speeds, self.beam_times.seconds)
+        now, self.speeds = self.beam_times.seconds, speeds.found
+        self.beam_times = shown_times(
+            system, self.points, self.factors, poses, speeds, now, held, self.order
+        )
+        self.points = bent_points(self._seen, self.speeds, self.beam_times.seconds)
 
     def _held_by(self, system: SurfelSystem, poses: Float64Array, stage: Stage) -> float:
         """Return how much of what `system` around poses (K, 3) says of them is so (`held_share`).
