@@ -39,7 +39,6 @@ from ogm_mcmc.config import (
     settings_of,
 )
 from ogm_mcmc.config.nodes import REFINE_CONFIGS, RefineSamplerConfig
-from ogm_mcmc.engine.beam_times import said_beam_times
 from ogm_mcmc.engine.joint_poses import PoseRefinement, choose_joint
 from ogm_mcmc.engine.odometry import said_odometry
 from ogm_mcmc.engine.progress import Progress
@@ -191,7 +190,7 @@ def _run(
         if settings.odometry:
             used = poses.wheels
             say(said_odometry(bag.odometry_name, used, len(scans), poses.odometry_scale))
-        if times := said_beam_times(poses.estimator.beam_times):
+        if times := poses.said_beam_times():
             say(times)
         scans = poses.placed()
     refinement.take(scans, start)

@@ -17,11 +17,11 @@ import numpy as np
 
 from ogm_mcmc.arrays import Float64Array
 from ogm_mcmc.config import PosesConfig, TrajectoryConfig
-from ogm_mcmc.engine.beam_times import BentScans, beam_times_figures
+from ogm_mcmc.engine.beam_times import BentScans, beam_times_figures, said_beam_times
 from ogm_mcmc.engine.odometry import OdometryAt, wheel_moves
 from ogm_mcmc.geometry import PlacedScan, Pose2D, PoseBelief
 from ogm_mcmc.trajectory import Moves, TrajectoryProgress, TrajectoryRefinement
-from ogm_mcmc.trajectory.points import wrapped
+from ogm_mcmc.trajectory.points import wrapped, xyyaw
 
 __all__ = ['KeptPoses', 'PoseRefinement', 'PosesChoice', 'RefinedTrajectory', 'choose_joint']
 
@@ -29,6 +29,9 @@ __all__ = ['KeptPoses', 'PoseRefinement', 'PosesChoice', 'RefinedTrajectory', 'c
 ENOUGH_READINGS = 20
 
 UNSURE_RAD = math.radians(0.5)
+
+# Where a sensor sits on the robot may differ by so much from scan to scan, m, m, rad.
+SAME_MOUNT = (0.01, 0.01, 0.01)
 
 # A choice made before stays while the data are within this factor of what decides: each change
 # moves the map and begins chains anew.
@@ -102,7 +105,8 @@ class PoseRefinement:
 
     `odometry` says where the robot was at a stamp by its wheels, where the settings want it;
     `wheels` are the moves that came of it. Where beams were taken at different times, scans come
-    out bent by that, from `scans_bent`: those of before stay the same objects.
+    out bent by that, from `scans_bent`: those of before stay the same objects. That is not looked
+    for where scans are of several sensors: each would have times and speeds of its own.
     """
 
     def __init__(
@@ -119,12 +123,13 @@ class PoseRefinement:
         self.wheels: Moves | None = None
         if odometry is not None and config.odometry:
             self.wheels = wheel_moves(self.scans, self.order, odometry)
+        self.one_sensor = _of_one_sensor(self.scans)
         self.estimator = TrajectoryRefinement(
             self.scans,
             config,
             moves=self.wheels,
             order=self.order,
-            times_s=1e-9 * (stamps - stamps[:1]),
+            times_s=1e-9 * (stamps - stamps[:1]) if self.one_sensor else None,
         )
         self.progress: TrajectoryProgress | None = None
 
@@ -166,6 +171,12 @@ class PoseRefinement:
         last = int(self.order[-1])
         correction = placed[last].pose.compose(self.scans[last].pose.inverse())
         return RefinedTrajectory(stamps, beliefs, correction, self.estimator.point_spread)
+
+    def said_beam_times(self) -> str:
+        """Return a line for the user: when beams were taken; empty where all were at once."""
+        if self.one_sensor or not self.estimator.config.beam_times:
+            return said_beam_times(self.estimator.beam_times)
+        return 'scans of several sensors: when their beams were taken is not estimated'
 
     @property
     def odometry_scale(self) -> float:
@@ -243,6 +254,14 @@ class KeptPoses:
         """Leave no poses of before, and no choice."""
         self.scans, self.refinement, self.placed, self.trajectory = (), None, [], None
         self.joint, self._bent = None, BentScans()
+
+
+def _of_one_sensor(scans: Sequence[PlacedScan]) -> bool:
+    """Whether the scans may all be of one sensor: of one name, at one place on the robot."""
+    if len({placed.scan.frame_id for placed in scans}) != 1:
+        return False
+    offsets = xyyaw([placed.belief.offset for placed in scans])
+    return bool((np.abs(wrapped(offsets - offsets[:1])) <= SAME_MOUNT).all())
 
 
 def _deviations(covariances: Float64Array) -> Float64Array:

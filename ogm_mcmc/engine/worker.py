@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ogm_mcmc.config import PosesConfig, SamplerConfig, StopConfig
-from ogm_mcmc.engine.beam_times import said_beam_times
 from ogm_mcmc.engine.collision import chance_of_unknown
 from ogm_mcmc.engine.joint_poses import KeptPoses
 from ogm_mcmc.engine.kept_samples import MOST_SAMPLES, KeptSamples
@@ -270,7 +269,7 @@ class RefineWorker:
             if refinement.finished and poses.config.trajectory.odometry:
                 steps, scale = refinement.wheels, refinement.odometry_scale
                 self.log(said_odometry('the robot', steps, len(order.scans), scale))
-            if refinement.finished and (said := said_beam_times(refinement.estimator.beam_times)):
+            if refinement.finished and (said := refinement.said_beam_times()):
                 self.log(said)
         return poses.placed
 
