@@ -12,6 +12,7 @@ import numpy as np
 from ogm_mcmc.arrays import AnyArray, BoolArray
 from ogm_mcmc.config import PatchConfig, PatchTableConfig, SamplerConfig
 from ogm_mcmc.engine.prior_files import Prior, default_prior_file, load_prior
+from ogm_mcmc.engine.progress import IndexSize
 from ogm_mcmc.engine.warp import laid_on
 from ogm_mcmc.errors import PriorError
 from ogm_mcmc.files.user_paths import user_path
@@ -22,7 +23,15 @@ from ogm_mcmc.sampling.patch_gibbs import PatchModel
 from ogm_mcmc.sampling.patch_prior import PatchTable, make_table
 from ogm_mcmc.sampling.ray_window import Dropped
 
-__all__ = ['Grown', 'PatchPrior', 'patch_prior', 'posterior_model', 'posterior_of']
+__all__ = [
+    'Grown',
+    'PatchPrior',
+    'patch_prior',
+    'posterior_model',
+    'posterior_of',
+    'size_of',
+    'window_of',
+]
 
 
 class PatchPrior(NamedTuple):
@@ -77,6 +86,19 @@ def patch_prior(config: SamplerConfig) -> PatchPrior:
     return _patch_prior(config.patch, config.chain.prior, config.window.resolution)
 
 
+def window_of(config: SamplerConfig) -> RayWindow:
+    """Return a window without rays, as the posterior of these settings needs it."""
+    margin, zones = config.patch.window_margin, config.patch.single_cells
+    return RayWindow(config.window, config.model, margin=margin, merge=True, zones=zones)
+
+
+def size_of(window: RayWindow, model: PosteriorModel | None) -> IndexSize:
+    """Return how large the index of a window is, with what a model of it keeps of its rays."""
+    index = window.index
+    kept = model.zones.n_bytes if isinstance(model, CellModel) else 0
+    return IndexSize(window.n_beams, index.n_pairs, index.n_bytes + kept, window.n_merged)
+
+
 def posterior_model(
     config: SamplerConfig,
     window: RayWindow,
@@ -113,8 +135,7 @@ def posterior_of(
 
     For settings of which nothing has to be found out, see `Refinement.found_settings`.
     """
-    margin = config.patch.window_margin
-    window = RayWindow(config.window, config.model, margin=margin, merge=True)
+    window = window_of(config)
     window.add(scans)
     return window, posterior_model(config, window, patch_prior(config).table)
 

@@ -240,7 +240,8 @@ class Recording:
         self.n_bytes = sum(kept.placement.n_bytes for kept in scans)
         rays, pairs = sum(k.size.rays for k in scans), sum(k.size.pairs for k in scans)
         near = sum(k.size.near for k in scans)
-        self.size = WindowSize(rays, pairs, _box_around(scans), near)
+        zones = sum(k.size.zones for k in scans)
+        self.size = WindowSize(rays, pairs, _box_around(scans), near, zones)
         self.coverage.count_anew(kept.placement for kept in scans)
 
     def replace(self, placed: Sequence[PlacedScan]) -> None:
@@ -323,8 +324,9 @@ class Recording:
 
 def _measuring(sampler: SamplerConfig, no_return: str) -> RayWindow:
     """Return a window that tells how much memory scans need."""
-    window = replace(sampler.window, no_return=no_return)
-    return RayWindow(window, sampler.model, margin=sampler.patch.window_margin)
+    window, patch = replace(sampler.window, no_return=no_return), sampler.patch
+    margin, zones = patch.window_margin, patch.single_cells
+    return RayWindow(window, sampler.model, margin=margin, zones=zones)
 
 
 def _box_around(scans: Iterable[_Kept]) -> CellBox:

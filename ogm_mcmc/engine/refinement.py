@@ -30,7 +30,7 @@ from ogm_mcmc.engine.live_map import (
     reflection_map,
 )
 from ogm_mcmc.engine.no_returns import NoReturnChoice, NoReturns, no_return_of
-from ogm_mcmc.engine.posterior import Grown, patch_prior, posterior_model
+from ogm_mcmc.engine.posterior import Grown, patch_prior, posterior_model, size_of, window_of
 from ogm_mcmc.engine.progress import IndexSize, Progress
 from ogm_mcmc.engine.range_spread import blur_of
 from ogm_mcmc.engine.recording import fingerprint
@@ -194,8 +194,7 @@ class Refinement:
     @property
     def size(self) -> IndexSize:
         """How large the index of the window is."""
-        window, index = self.window, self.window.index
-        return IndexSize(window.n_beams, index.n_pairs, index.n_bytes, window.n_merged)
+        return size_of(self.window, None if self.sampler is None else self.sampler.model)
 
     def _n_rays(self, window: RayWindow) -> int:
         return window.n_beams
@@ -214,9 +213,7 @@ class Refinement:
         return replace(self._decided(), model=self.model, chain=chain)
 
     def _empty_window(self) -> RayWindow:
-        config = self._decided()
-        margin = config.patch.window_margin
-        return RayWindow(config.window, self.model, margin=margin, merge=True)
+        return window_of(replace(self._decided(), model=self.model))
 
     def _begun(
         self,

@@ -126,6 +126,7 @@ class CellModel(IndexedModel):
     """p(m | z, x) of a window: its rays, and independent cells with one prior.
 
     `touched` (C,) int32: the cells that a ray crosses; all others keep their prior, independently.
+    `zones`: what is kept of rays beside the index, see `kept_odds`.
     """
 
     def __init__(
@@ -138,7 +139,7 @@ class CellModel(IndexedModel):
         self.touched = index.touched()
         self.telling = index.telling
         self.ceiling = highest_probability(index, self.prior_log_odds)
-        self._zones = zones_of(index)
+        self.zones = zones_of(index)
         even = (self.touched // width + self.touched % width) % 2 == 0
         self._checkered = np.concatenate((self.touched[even], self.touched[~even]))
 
@@ -175,7 +176,7 @@ class CellModel(IndexedModel):
         elif self.order == 'checkerboard':
             order = self._checkered
         if state.odds.size:
-            return draw_lists(rng, order, state, self.index, self._zones, self.prior_log_odds)
+            return draw_lists(rng, order, state, self.index, self.zones, self.prior_log_odds)
         return draw_cells(rng, order, state, self.index, self.ceiling, self.prior_log_odds)
 
     def focus(self, in_doubt: BoolArray, moving: BoolArray) -> None:

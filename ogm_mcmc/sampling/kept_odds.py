@@ -52,7 +52,19 @@ from ogm_mcmc.sampling.ray_index import RayIndex
 from ogm_mcmc.sampling.ray_index_kernels import WIDTH
 from ogm_mcmc.sampling.ray_line_kernels import LOW_16, SHAPE
 
-__all__ = ['NOT_KEPT', 'Zones', 'draw_lists', 'forget_odds', 'odds_to_keep', 'zones_of']
+__all__ = [
+    'NOT_KEPT',
+    'VALUE_BYTES',
+    'ZONE_BYTES',
+    'Zones',
+    'draw_lists',
+    'forget_odds',
+    'odds_to_keep',
+    'zones_of',
+]
+
+ZONE_BYTES, VALUE_BYTES = 16, 4
+"""Memory of `Zones`: for each ray, and for each place of one."""
 
 NOT_KEPT: Float32Array = np.empty((0, 4), np.float32)
 """The odds of a state of which none are kept."""
@@ -75,6 +87,11 @@ class Zones(NamedTuple):
 
     zones: AnyArray
     values: Float32Array
+
+    @property
+    def n_bytes(self) -> int:
+        """Memory of both: `ZONE_BYTES` a ray and `VALUE_BYTES` a place of one."""
+        return int(self.zones.nbytes + self.values.nbytes)
 
 
 def zones_of(index: RayIndex) -> Zones:

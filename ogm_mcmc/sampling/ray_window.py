@@ -19,6 +19,7 @@ from ogm_mcmc.sampling.beam_rays import (
     most_near_cells,
     rays_of_scan,
 )
+from ogm_mcmc.sampling.kept_odds import VALUE_BYTES, ZONE_BYTES
 from ogm_mcmc.sampling.ray_batch import Batch, in_blocks
 from ogm_mcmc.sampling.ray_dropping import without
 from ogm_mcmc.sampling.ray_filing import Said, extended
@@ -57,6 +58,9 @@ class RayWindow:
     With `merge` beams that run along together are one ray, see `ogm_mcmc.sampling.ray_merging`,
     also those of a robot that stands and jitters, see `ray_stands`; without it each beam is a ray,
     in the order of scans and beams.
+
+    With `zones` what `kept_odds` needs of memory beside the index counts, too: of a window of
+    which single cells are drawn.
     """
 
     def __init__(
@@ -67,6 +71,7 @@ class RayWindow:
         margin: int = 0,
         limits: CellBox | None = None,
         merge: bool = False,
+        zones: bool = False,
     ) -> None:
         self.config = config
         self.margin = margin  # cells beyond all rays that belong to the window, too
@@ -78,6 +83,7 @@ class RayWindow:
         self.n_beams = 0  # of all rays
         self._size = NOTHING
         self._merge = merge
+        self._zones = zones
         self._places: Places = {}
         self._stands: Stands = {}
         self._scans = WindowScans()
@@ -205,7 +211,9 @@ class RayWindow:
         cells = most_cells(rays)
         near = np.minimum(cells, most_near_cells(rays, self.model, self.config.resolution))
         box = self._box_around(rays)
-        return WindowSize(rays.length.size, int(cells.sum()), box, int(near.sum()))
+        n_rays, pairs = rays.length.size, int(cells.sum())
+        zones = ZONE_BYTES * n_rays + VALUE_BYTES * pairs if self._zones else 0
+        return WindowSize(n_rays, pairs, box, int(near.sum()), zones)
 
     def _box_around(self, rays: BeamRays) -> CellBox:
         end_x, end_y = rays.x + rays.length * rays.ux, rays.y + rays.length * rays.uy

@@ -16,12 +16,16 @@ __all__ = ['NOTHING', 'Leaving', 'WindowScans', 'WindowSize']
 
 
 class WindowSize(NamedTuple):
-    """Rays, the most pairs of a ray and a cell, a box around all cells, pairs that are near."""
+    """Rays, the most pairs of a ray and a cell, a box around all cells, pairs that are near.
+
+    zones  bytes of what is kept beside the index where all pairs are near: see `kept_odds`
+    """
 
     rays: int
     pairs: int
     box: CellBox
     near: int = 0
+    zones: int = 0
 
     def with_more(self, other: WindowSize) -> WindowSize:
         """Return the size of a window of both."""
@@ -30,12 +34,17 @@ class WindowSize(NamedTuple):
             self.pairs + other.pairs,
             self.box.union(other.box),
             self.near + other.near,
+            self.zones + other.zones,
         )
 
     def without(self, other: WindowSize, box: CellBox) -> WindowSize:
         """Return the size of a window without a part of it; `box` is around the others."""
         return WindowSize(
-            self.rays - other.rays, self.pairs - other.pairs, box, self.near - other.near
+            self.rays - other.rays,
+            self.pairs - other.pairs,
+            box,
+            self.near - other.near,
+            self.zones - other.zones,
         )
 
     @property
@@ -43,7 +52,8 @@ class WindowSize(NamedTuple):
         """Memory that an index of this size takes, about; measured windows took less."""
         lists = 13 * min(self.near, self.box.n_cells)
         in_front = self.pairs - self.near
-        return 40 * self.rays + 8 * self.near + lists + in_front + self.box.n_cells // 2
+        index = 40 * self.rays + 8 * self.near + lists + in_front + self.box.n_cells // 2
+        return index + (self.zones if in_front == 0 else 0)
 
 
 NOTHING = WindowSize(0, 0, CellBox(0, 0, 0, 0))

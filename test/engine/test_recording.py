@@ -8,6 +8,7 @@ import pytest
 from support.strategies import fan
 
 from ogm_mcmc.config import (
+    ForwardModelConfig,
     KeepConfig,
     PatchConfig,
     RecordingConfig,
@@ -88,6 +89,26 @@ def test_memory_is_a_limit_like_the_others():
     assert 10 < len(recording) < 60
     assert kept(recording) == list(range(60))[-len(recording) :]
     assert recording.let_go == {'older': 60 - len(recording)}
+
+
+def test_likelihoods_beside_the_index_are_counted_where_cells_are_drawn_one_by_one():
+    gaussian = ForwardModelConfig(kind='gaussian')
+    zones = []
+    for model, patch in (
+        (gaussian, PatchConfig()),
+        (gaussian, PatchConfig(size=9)),
+        (ForwardModelConfig(), PatchConfig()),
+    ):
+        recording = Recording(
+            RecordingConfig(LATEST, max_scans=2), SamplerConfig(model, patch=patch)
+        )
+        for i in range(4):
+            recording.add(at(0.5 * i, stamp_s=i))
+        recording.understand(NoReturnChoice.of('auto', NoReturns(100, 90)))  # counts anew
+        size = recording.size
+        zones.append(size.n_bytes - size._replace(zones=0).n_bytes)
+    assert zones[1:] == [0, 0]
+    assert zones[0] > 4 * size.rays
 
 
 def test_beams_that_are_ignored_take_no_memory():

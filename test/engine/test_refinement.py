@@ -26,6 +26,7 @@ from ogm_mcmc.engine.posterior import posterior_of
 from ogm_mcmc.engine.refinement import Refinement
 from ogm_mcmc.errors import WindowError
 from ogm_mcmc.sampling import PosteriorSampler
+from ogm_mcmc.sampling.kept_odds import zones_of
 
 
 def test_rays_of_all_scans_are_counted():
@@ -46,6 +47,14 @@ def test_scans_that_came_in_extend_the_window():
     assert window.spec == whole.spec
     for name in ('rays', 'lists', 'near', 'front', 'runs'):
         assert np.array_equal(getattr(window.index, name), getattr(whole.index, name)), name
+
+
+@pytest.mark.parametrize(('kind', 'more'), [('beam', 0), ('gaussian', 1)])
+def test_zones_of_rays_are_memory_of_the_index(kind, more):
+    refinement = taken(FIRST, SECOND, model={'kind': kind})
+    index, size = refinement.window.index, refinement.size
+    assert size.n_bytes - index.n_bytes == zones_of(index).n_bytes
+    assert np.sign(size.n_bytes - index.n_bytes) == more
 
 
 def test_a_posterior_without_chains_is_that_of_chains():

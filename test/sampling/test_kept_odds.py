@@ -1,6 +1,7 @@
 """Draws from log-odds that are kept are those that look at every ray."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,11 +12,12 @@ from support.strategies import REPEATABLE, fan
 from support.tiny_problems import tiny_problems
 
 from ogm_mcmc.config import ForwardModelConfig, WindowConfig
+from ogm_mcmc.errors import WindowError
 from ogm_mcmc.geometry import PlacedScan, Pose2D
 from ogm_mcmc.sampling import CellModel, RayWindow
 from ogm_mcmc.sampling.cell_gibbs import draw_cells
 from ogm_mcmc.sampling.first_hits import first_hits
-from ogm_mcmc.sampling.kept_odds import odds_to_keep
+from ogm_mcmc.sampling.kept_odds import odds_to_keep, zones_of
 from ogm_mcmc.sampling.kept_odds_kernels import ARRIVING, FAR, LOG_ODDS, SLIP
 from ogm_mcmc.sampling.ray_index_kernels import WIDTH
 
@@ -135,6 +137,26 @@ def test_a_copy_goes_on_with_what_is_kept():
         np.random.default_rng(6), state
     )
     assert np.array_equal(copy.cells, state.cells)
+
+
+def test_memory_of_zones_is_counted_where_they_are_kept():
+    """At most what was asked of the limit is held, and without zones less would do."""
+    scans = [PlacedScan.at(fan(*[9.0] * 60, increment=0.1), Pose2D(x, 0.1)) for x in (0.0, 0.4)]
+    given = ForwardModelConfig(kind='gaussian', sigma=0.4)
+    config = WindowConfig(resolution=0.02)
+    window, without = (RayWindow(config, given, zones=zones) for zones in (True, False))
+    window.add(scans)
+    size, less = (one.sum_of_sizes(scans) for one in (window, without))
+    zones = zones_of(window.index)
+    assert zones.n_bytes == sum(array.nbytes for array in zones) > 0.3 * window.index.near.nbytes
+    assert zones.n_bytes <= size.n_bytes - less.n_bytes <= 1.5 * zones.n_bytes
+    assert window.index.n_bytes + zones.n_bytes <= size.n_bytes
+    scarce = replace(config, max_memory_mb=0.5e-6 * (size.n_bytes + less.n_bytes))
+    RayWindow(scarce, given).add(scans)
+    with pytest.raises(WindowError, match='expected at most max_memory_mb'):
+        RayWindow(scarce, given, zones=True).add(scans)
+    level = RayWindow(config, ForwardModelConfig(), zones=True).sum_of_sizes(scans)
+    assert level.n_bytes == RayWindow(config, ForwardModelConfig()).sum_of_sizes(scans).n_bytes
 
 
 def test_rays_that_are_level_somewhere_are_drawn_as_ever():
