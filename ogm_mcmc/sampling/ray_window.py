@@ -10,7 +10,7 @@ import numpy as np
 
 from ogm_mcmc.arrays import AnyArray, BoolArray
 from ogm_mcmc.config import ForwardModelConfig, WindowConfig
-from ogm_mcmc.errors import WindowError
+from ogm_mcmc.errors import WindowError, require
 from ogm_mcmc.geometry import CellBox, GridSpec, PlacedScan
 from ogm_mcmc.sampling.beam_rays import (
     BeamRays,
@@ -113,7 +113,8 @@ class RayWindow:
         self.said_more = np.empty(0, np.int64)
         if batch.n_beams == 0:
             nothing = [0.0] * len(new)
-            self._scans.add(new, scans, [NOTHING] * len(new), batch.sizes, nothing)
+            if self._merge:
+                self._scans.add(new, scans, [NOTHING] * len(new), batch.sizes, nothing)
             return 0
         sizes, more = [], NOTHING
         for i in range(len(scans)):
@@ -156,15 +157,17 @@ class RayWindow:
         if joining is not None:
             self._places.update(joining.places)
             self._stands.update(stands)
-        self._scans.add(new, scans, sizes, batch.sizes, left_out)
+            self._scans.add(new, scans, sizes, batch.sizes, left_out)
         return batch.n_beams
 
     def drop(self, gone: Iterable[PlacedScan]) -> Dropped:
         """Take scans out, in place, as if they had never come; only of a window that merges.
 
         Where scans share rays all of them go: those that stay have to be added again. Raises
-        KeyError, with nothing changed, for a scan that is not of the window.
+        KeyError, with nothing changed, for a scan that is not of the window; ConfigError where
+        nothing is merged, as no scans are held there.
         """
+        require(self._merge, 'merge', self._merge, 'expected True, to drop scans')
         leaving = self._scans.leave(gone, self._places, self._stands, self.index.n_rays)
         box = leaving.size.box if self.limits is None else self.limits
         spec = self.spec if box.empty else self.spec.windowed(box)

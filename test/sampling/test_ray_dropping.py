@@ -1,12 +1,14 @@
 """An index that scans were taken out of, against one that they never came into."""
 
 import math
+import sys
 
 import numpy as np
 import pytest
 from support.strategies import fan
 
 from ogm_mcmc.config import ForwardModelConfig, WindowConfig
+from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.geometry import CellBox, PlacedScan, Pose2D
 from ogm_mcmc.sampling import CellModel, RayWindow
 from ogm_mcmc.sampling.ray_index_kernels import NEAR
@@ -153,12 +155,42 @@ def test_where_a_robot_stood_the_others_come_in_again(kind):
     assert gains.sum() > 1000.0
 
 
+def test_where_a_robot_stood_for_long_gains_stay_a_bound_and_hardly_more():
+    """Beyond 1024 nats a cell grains are lost, upwards."""
+    scans, limits = scans_of(312, seed=4, stands=[(3, 304)]), CellBox(-40, -40, 80, 40)
+    model = ForwardModelConfig(sigma=0.03)
+    window = window_of([scans], model, limits)
+    assert window.index.gains().max() > 1024.0
+    gone = scans[6:304]
+    again = window.drop(gone).again
+    assert same_scans(again, scans[3:6])
+    window.add(again)
+    fresh = window_of([[*scans[:3], *scans[304:]], again], model, limits)
+    gains, anew = window.index.gains(), fresh.index.gains()
+    assert (gains >= anew).all()
+    assert gains == approx(anew, rel=0.0, abs=2e-3)
+    assert np.array_equal(gains > 0.0, anew > 0.0)
+    assert (gains >= naive_gains(window.index)).all()
+
+
 def test_scans_of_another_window_are_refused_and_nothing_changes():
     scans = scans_of(6, seed=6)
     window = window_of([scans[:4]], MODELS['beam'])
     with pytest.raises(KeyError):
         window.drop([scans[0], scans[5]])
     same_arrays(window.index, window_of([scans[:4]], MODELS['beam']).index)
+
+
+def test_a_window_that_does_not_merge_refuses_to_drop_and_holds_no_scans():
+    scans = scans_of(4, seed=8)
+    window = RayWindow(WindowConfig(resolution=0.2), MODELS['beam'])
+    held = [sys.getrefcount(scan) for scan in scans]
+    window.add(scans)
+    n_beams, size = window.n_beams, window._size
+    with pytest.raises(ConfigError, match='merge is False: expected True, to drop scans'):
+        window.drop(scans[:1])
+    assert (window.n_beams, window._size) == (n_beams, size)
+    assert [sys.getrefcount(scan) for scan in scans] == held
 
 
 def test_memory_stays_what_it_is_while_scans_come_and_go():
