@@ -19,7 +19,12 @@ A ray of several beams holds their sum. Where one of its scans goes, all rays fr
 the scans that stay come in once more with those that are new (see `RayWindow.drop`).
 
 Consequence. The arrays are those of an index that was built of the remaining scans, bit for bit
-(a test); so are the draws. Figures: docs/whole_drive.md.
+(a test); so are the draws. Save for gains of cells that rays could add more than 1024 nats to,
+where a robot stood for hundreds of scans: grains are lost there in float32, upwards, so gains may
+be a little higher than anew, never lower (a test). That is a bound as well, and draws of single
+cells are the same; a patch may count as near readings that is far in front of them, and be drawn
+as often. With 300 scans of a pose dropped 3 of 272 gains are higher, by 2e-4 nats at most, none of
+which is 0 anew. Figures: docs/whole_drive.md.
 """
 
 from __future__ import annotations

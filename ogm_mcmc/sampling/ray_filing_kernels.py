@@ -47,7 +47,8 @@ MOST_IN_CELL = 1.5
 LONGEST_RUN = 255
 
 # Nats: what a ray can add to a cell counts in whole ones of these. So sums in float32 are exact up
-# to 2**24 of them, and what was added can be taken away again without a rest.
+# to 2**24 of them, 1024 nats, and what was added can be taken away again without a rest. Beyond
+# that, where a robot stood for long, sums are rounded upwards and a rest stays: still a bound.
 GRAIN_OF_GAIN = 2.0**-14
 
 # Nats: a ray tells something of a cell that makes a difference of more than this to it.
