@@ -19,7 +19,8 @@ __all__ = ['Batch', 'Part', 'in_blocks']
 # Rays that are filed at a time.
 BLOCK = 2_000
 
-# Rays that are cast once and held while they are filed, 28 bytes each; others are cast again.
+# Rays that are cast once and held while they are filed, 28 bytes each, 36 where sigma differs by
+# beam; others are cast again.
 MOST_HELD = 200_000
 
 
