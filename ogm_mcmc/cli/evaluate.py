@@ -97,8 +97,8 @@ def add_to(subparsers: Subparsers) -> None:
     asked.add_argument(
         '--path', type=Path, metavar='FILE',
         help='how likely a way is blocked, by the maps of --samples: lines x,y or poses as TUM or '
-        'EuRoC; cells that data did not move count together, with the prior probability of the '
-        'samples or --unknown',
+        'EuRoC; cells that data did not move count together, with a chance that the prior of the '
+        'samples and what is known tell, or --unknown',
     )  # fmt: skip
     add_trajectory_judges(parser)
     parser.add_argument(

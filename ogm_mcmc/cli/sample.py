@@ -216,6 +216,10 @@ def _run(
     failed = state.attempt()
     if options.state is not None and failed is None:
         result['state'] = str(options.state)
+    if options.samples:
+        result['maps_drawn'] = len(maps)
+    if len(maps) < options.samples:
+        say(f'{len(maps)} of {options.samples} maps drawn for --samples: interrupted')
     if tiles is not None and isinstance(refinement, TiledRefinement):
         result['tiles'] = {'groups': refinement.tiled.summaries.groups, **tiles.figures()}
     if poses is not None:

@@ -29,8 +29,9 @@ class EvaluationConfig:
         0.5,
         'probability of cells the map never measured (its prior). Unless it is given, cells of '
         'sampled maps that data did not move have what the NPZ says of them '
-        '(probability_everywhere) with --truth, --beams and --points, and the prior that the '
-        'samples name with --path; --pose takes it for all such cells, given or not',
+        '(probability_everywhere) with --truth, --beams and --points, and with --path a chance '
+        'by the prior that the samples name and by what is known; --pose takes it for all such '
+        'cells, given or not',
         low=0.0,
         high=1.0,
     )

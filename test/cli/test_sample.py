@@ -166,6 +166,7 @@ def test_ctrl_c_and_a_polite_kill_end_sampling_and_save(sample, tmp_path, monkey
     assert np.isfinite(probability(tmp_path / 'out')).any()
     assert (tmp_path / 'state.npz').stat().st_size > 0
     assert 'samples' not in result['files']
+    assert result['maps_drawn'] == 0
     assert signal.getsignal(how) is handler
 
 
