@@ -26,7 +26,6 @@ import numpy as np
 
 from ogm_mcmc.arrays import Float64Array
 from ogm_mcmc.config import ForwardModelConfig, MapperConfig, TrajectoryConfig
-from ogm_mcmc.engine.beam_times import BentScans
 from ogm_mcmc.engine.live_map import map_of
 from ogm_mcmc.evaluation import (
     ForwardModel,
@@ -93,7 +92,6 @@ def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
     for name, one in maps.items():
         area = area_of_points(believed, one)
         rows.append(row(f'{name}: ROC area, points of held-out beams', area))
-    rows += rows_as_taken(believed, refinement)
     found, curves = by_benchmark(believed, maps)
     save_picture(
         folder / 'roc.png',
@@ -115,33 +113,10 @@ def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
 def refined(believed: Sequence[Believed], settings: TrajectoryConfig) -> TrajectoryRefinement:
     """Return the poses that the mapped half of the beams leads to."""
     placed = [(every_other_pair(one.placed.scan, 0), one.placed.belief) for one in believed]
-    steps = np.arange(len(placed), dtype=np.float64)  # scans have no stamps here
-    refinement = TrajectoryRefinement(placed, settings, times_s=steps)
+    refinement = TrajectoryRefinement(placed, settings)  # scans have no stamps here
     for _ in refinement.run():
         pass
     return refinement
-
-
-def rows_as_taken(
-    believed: Sequence[Believed], refinement: TrajectoryRefinement
-) -> list[dict[str, Any]]:
-    """Return the rows of maps and held-out beams of scans bent for when beams were taken."""
-    times, scans = refinement.beam_times, [one.placed.scan for one in believed]
-    bent = BentScans().bent(scans, refinement.speeds, times.seconds)
-    taken = [
-        one._replace(placed=one.placed._replace(scan=scan))
-        for one, scan in zip(believed, bent, strict=True)
-    ]
-    rows = []
-    for name, one in maps_of(taken, refinement.beliefs()).items():
-        what = f'{name}, beams where they were taken'
-        rows.append(row(f'{what}: nats a held-out beam', nats_of(taken, one)))
-        rows.append(row(f'{what}: ROC area, points', area_of_points(taken, one)))
-    for what, found in zip(
-        ('turns of the mirror', 'beams of a sweep'), times.seconds, strict=True
-    ):
-        rows.append(row(f'between {what}, of a step from scan to scan', float(found)))
-    return rows
 
 
 def every_other_pair(scan: Scan, first: int) -> Scan:
