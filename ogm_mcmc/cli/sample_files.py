@@ -99,8 +99,9 @@ def write_all(
             maps = _unpacked(sampled, mean, known)
             save_samples(maps, scratch / paths['samples'].name, sampled.thin, settings)
         if sampled.trajectory is not None:
-            stamps_ns, beliefs = sampled.trajectory[:2]
-            write_beliefs(scratch / paths['trajectory'].name, stamps_ns, beliefs)
+            of = sampled.trajectory
+            told = of.stamps_ns, of.beliefs, of.apart
+            write_beliefs(scratch / paths['trajectory'].name, *told)
         (scratch / f'{name}.json').write_text(
             json.dumps({**result, 'files': files}, indent=2) + '\n', encoding='utf-8'
         )

@@ -178,7 +178,7 @@ def _of_file(
     assert choice.trajectory is not None
     trajectory = read_trajectory(choice.trajectory, choice.trajectory_stamps)
     if choice.beliefs and choice.deviations:
-        spread = read_deviations(choice.trajectory, trajectory.stamps_ns)
+        spread = read_deviations(choice.trajectory, trajectory.stamps_ns, apart=True)
         trajectory = trajectory._replace(deviations=spread)
     frame = choice.trajectory_frame or frames.base_frame
     source = PoseCandidate(choice.trajectory.name, FILE, 'map', frame, ())

@@ -91,13 +91,15 @@ class RefinedTrajectory(NamedTuple):
 
     `correction` takes the latest pose as the localizer gave it, in the map, to where it is now:
     the pose that the map frame of then has in that of now. `points` is how far points lie off
-    their lines, m, between the ends of its 95 % interval.
+    their lines, m, between the ends of its 95 % interval. `apart` (N, 3): standard deviations of
+    x, y (m) and yaw (rad) without the motion that all poses have in common, once known.
     """
 
     stamps_ns: list[int]
     beliefs: list[PoseBelief]
     correction: Pose2D
     points: tuple[float, float, float] | None = None
+    apart: Float64Array | None = None
 
 
 class PoseRefinement:
@@ -161,16 +163,21 @@ class PoseRefinement:
     def trajectory(self) -> RefinedTrajectory:
         """Return where the robot was; one pose for each stamp."""
         placed = self.placed()
+        apart = self.estimator.covariances(apart=True)
         stamps: list[int] = []
         beliefs: list[PoseBelief] = []
+        spreads: list[Float64Array] = []
         for k in self.order:
             stamp_ns = placed[k].scan.stamp_ns
             if not stamps or stamp_ns > stamps[-1]:
                 stamps.append(stamp_ns)
                 beliefs.append(placed[k].belief.of_robot())
+                alone = placed[k].belief._replace(covariance=apart[k]).of_robot().covariance
+                spreads.append(np.sqrt(np.diag(alone)))
         last = int(self.order[-1])
         correction = placed[last].pose.compose(self.scans[last].pose.inverse())
-        return RefinedTrajectory(stamps, beliefs, correction, self.estimator.point_spread)
+        known = np.array(spreads) if self.estimator.covariances_known else None
+        return RefinedTrajectory(stamps, beliefs, correction, self.estimator.point_spread, known)
 
     def said_beam_times(self) -> str:
         """Return a line for the user: when beams were taken; empty where all were at once."""

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
 from ogm_mcmc.config import OutputConfig, flatten
+from ogm_mcmc.engine.joint_poses import RefinedTrajectory
 from ogm_mcmc.engine.map_view import rendered
 from ogm_mcmc.errors import OutputError
 from ogm_mcmc.files.output_files import replacing_set
-from ogm_mcmc.geometry import GridMap, PoseBelief
+from ogm_mcmc.geometry import GridMap
 from ogm_mcmc.io.map_files import points_file, table_file, write_map, write_tables
 from ogm_mcmc.io.tum_files import deviations_file, write_beliefs
 from ogm_mcmc.mapping import Extras, all_tables
@@ -83,14 +84,14 @@ def replacing_map(
 
 def save_refined(
     grid_map: GridMap,
-    trajectory: tuple[Sequence[int], Sequence[PoseBelief]] | None,
+    trajectory: RefinedTrajectory | None,
     folder: Path,
     name: str,
     output: OutputConfig,
 ) -> Path:
     """Write a refined map, and its poses as NAME_trajectory.txt, in place of an old set.
 
-    trajectory  stamps (ns) and poses that were refined with the map
+    trajectory  poses that were refined with the map
     Returns the path of the YAML. What belongs to another map of this name goes. Raises
     OutputError; also where nothing is known yet, so that no good map is replaced by none.
     """
@@ -102,5 +103,6 @@ def save_refined(
     with replacing_set(folder, name, stale) as scratch:
         write_shown(grid_map, scratch, output, name)
         if trajectory is not None:
-            write_beliefs(scratch / poses, *trajectory)
+            of = trajectory
+            write_beliefs(scratch / poses, of.stamps_ns, of.beliefs, of.apart)
     return folder / f'{name}.yaml'

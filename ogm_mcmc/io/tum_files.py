@@ -1,7 +1,9 @@
 """Beliefs about a trajectory as a TUM file with standard deviations beside it.
 
 Beside NAME.txt a file NAME_deviations.csv holds the standard deviations of x, y (m) and yaw (rad)
-of every pose, where they are known. evo reads the first, and takes no notice of the second.
+of every pose, where they are known, and once more without the motion that all poses have in
+common, where that is known: this is what blurs a map. evo reads the first, and takes no notice of
+the second.
 """
 
 from __future__ import annotations
@@ -21,6 +23,7 @@ from ogm_mcmc.io.trajectory_files import ROUNDING_NS, write_tum
 __all__ = ['deviations_file', 'read_deviations', 'write_beliefs']
 
 HEADER = 'stamp_s,x_m,y_m,yaw_rad'
+APART = ',x_apart_m,y_apart_m,yaw_apart_rad'
 
 WIDEST = 1e3  # m, rad: more says nothing of a pose
 
@@ -31,19 +34,25 @@ def deviations_file(path: Path) -> Path:
 
 
 def write_beliefs(
-    path: Path, stamps_ns: Sequence[int], beliefs: Sequence[PoseBelief]
+    path: Path,
+    stamps_ns: Sequence[int],
+    beliefs: Sequence[PoseBelief],
+    apart: Float64Array | None = None,
 ) -> list[Path]:
     """Write poses and, where every covariance is known, deviations; return the files.
 
+    apart  (N, 3) deviations without the motion that all poses have in common
     Raises OutputError.
     """
     write_tum(path, stamps_ns, [belief.mean for belief in beliefs])
     covariances = [belief.covariance for belief in beliefs if belief.covariance is not None]
     if len(covariances) < len(beliefs):
         return [path]
-    rows = [HEADER]
-    for stamp_ns, covariance in zip(stamps_ns, covariances, strict=True):
-        spread = np.sqrt(np.diag(covariance))
+    spreads = np.array([np.sqrt(np.diag(covariance)) for covariance in covariances])
+    if apart is not None:
+        spreads = np.concatenate((spreads, apart), axis=1)
+    rows = [HEADER if apart is None else HEADER + APART]
+    for stamp_ns, spread in zip(stamps_ns, spreads, strict=True):
         stamp = '{}.{:09d}'.format(*divmod(stamp_ns, 10**9))
         rows.append(','.join([stamp, *(f'{value:.8f}' for value in spread)]))
     beside = deviations_file(path)
@@ -52,10 +61,13 @@ def write_beliefs(
     return [path, beside]
 
 
-def read_deviations(path: Path, stamps_ns: Int64Array) -> Float64Array | None:
+def read_deviations(
+    path: Path, stamps_ns: Int64Array, *, apart: bool = False
+) -> Float64Array | None:
     """Return the deviations (N, 3) that lie beside a file of poses; None where there are none.
 
     stamps_ns  (N,) of these poses
+    apart      without the motion that all poses have in common, where the file tells these
     Raises PoseError for a file that is not of these poses.
     """
     beside = deviations_file(path)
@@ -66,12 +78,12 @@ def read_deviations(path: Path, stamps_ns: Int64Array) -> Float64Array | None:
         rows = np.loadtxt(lines, delimiter=',', ndmin=2) if lines else np.empty((0, 4))
     except (OSError, ValueError) as error:
         reason = reason_of(error)
-        raise PoseError(f'{beside}: expected lines of four numbers ({reason})') from error
+        raise PoseError(f'{beside}: expected lines of four or seven numbers ({reason})') from error
     count = len(stamps_ns)
-    if rows.shape != (count, 4):
+    if rows.shape not in ((count, 4), (count, 7)):
         raise PoseError(
             f'{beside}: {rows.shape[0]} lines of {rows.shape[1]} numbers below the first: '
-            f'expected one of four for each of {count} poses in {path}'
+            f'expected one of four or seven for each of {count} poses in {path}'
         )
     spread = rows[:, 1:]
     bad = ~((spread >= 0.0) & (spread <= WIDEST)).all(axis=1)
@@ -88,4 +100,4 @@ def read_deviations(path: Path, stamps_ns: Int64Array) -> Float64Array | None:
             f'{beside}: line {k + 2} is of {rows[k, 0]:.15g} s: '
             f'expected {stamps_ns[k] / 1e9:.15g} s, the stamp of that pose in {path}'
         )
-    return np.ascontiguousarray(spread)
+    return np.ascontiguousarray(spread[:, -3:] if apart else spread[:, :3])

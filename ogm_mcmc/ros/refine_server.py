@@ -341,8 +341,9 @@ class RefineServer(ManagedNode):
         grid_map = self.shown(result).cropped()
         try:
             folder = user_path(self.settings.save_directory, 'save_directory')
-            poses = None if result.trajectory is None else result.trajectory[:2]
-            path = save_refined(grid_map, poses, folder, self.settings.save_name, self.output)
+            path = save_refined(
+                grid_map, result.trajectory, folder, self.settings.save_name, self.output
+            )
         except OgmError as error:
             response.success, response.message = False, str(error)
         else:

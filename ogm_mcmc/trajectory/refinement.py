@@ -14,6 +14,7 @@ from ogm_mcmc.config import TrajectoryConfig
 from ogm_mcmc.errors import WindowError
 from ogm_mcmc.geometry import Pose2D, PoseBelief, Scan
 from ogm_mcmc.trajectory.alike import Alike
+from ogm_mcmc.trajectory.apart import without_common_motion
 from ogm_mcmc.trajectory.beam_times import BeamTimes, bent_points, shown_times, velocities
 from ogm_mcmc.trajectory.correlative import LookUp, look_up_in_turn, recheck, relocate
 from ogm_mcmc.trajectory.curvature import (
@@ -328,11 +329,16 @@ class TrajectoryRefinement:
         """Whether there are enough draws for covariances."""
         return len(self.deviations) >= 2
 
-    def covariances(self) -> Float64Array:
-        """Return the covariance (K, 3, 3) of every pose; nan before two draws."""
+    def covariances(self, *, apart: bool = False) -> Float64Array:
+        """Return the covariance (K, 3, 3) of every pose; nan before two draws.
+
+        apart  without the motion that all poses have in common
+        """
         if not self.covariances_known:
             return np.full((len(self.poses), 3, 3), np.nan)
         drawn = np.array(self.deviations)
+        if apart:
+            drawn = without_common_motion(drawn, self.poses)
         covariances: Float64Array = np.einsum('ski,skj->kij', drawn, drawn) / len(drawn)
         return covariances
 

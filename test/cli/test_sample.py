@@ -382,6 +382,9 @@ def test_poses_are_estimated_with_the_map(tmp_path, monkeypatch, capsys):
     assert absolute_errors(poses, truth).distance_m.mean() < 0.02
     deviations = read_deviations(tmp_path / 'out' / 'map_trajectory.txt', found.stamps_ns)
     assert deviations.shape == (len(truth), 3)
+    # Apart from where all of them are together: a few millimetres.
+    apart = read_deviations(tmp_path / 'out' / 'map_trajectory.txt', found.stamps_ns, apart=True)
+    assert (apart[:, :2] < 0.1 * deviations[:, :2]).all()
     # The same poses again, so the chains go on.
     assert run([*call, '--poses', 'joint', '--state', 'state.npz']) == 0
     assert json.loads(capsys.readouterr().out)['resumed_at'] == 30

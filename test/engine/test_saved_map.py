@@ -5,6 +5,7 @@ import pytest
 from support.strategies import fan
 
 from ogm_mcmc.config import MapperConfig, OutputConfig
+from ogm_mcmc.engine.joint_poses import RefinedTrajectory
 from ogm_mcmc.engine.saved_map import MapToSave, replacing_map, save_refined
 from ogm_mcmc.engine.tree_files import load_tree
 from ogm_mcmc.errors import OutputError
@@ -52,7 +53,13 @@ MAP = ['a.pgm', 'a.png', 'a.yaml']
 
 
 def test_poses_refined_with_a_map_are_part_of_its_set(tmp_path):
-    path = save_refined(refined(0.9), ([0, 10**9], BELIEFS), tmp_path, 'a', OutputConfig())
+    path = save_refined(
+        refined(0.9),
+        RefinedTrajectory([0, 10**9], BELIEFS, Pose2D()),
+        tmp_path,
+        'a',
+        OutputConfig(),
+    )
     assert path == tmp_path / 'a.yaml'
     assert names(tmp_path) == [*MAP, 'a_trajectory.txt', 'a_trajectory_deviations.csv']
     # A map with given poses has none; those of another map do not stay, nor do its points.
@@ -80,5 +87,11 @@ def test_the_name_of_a_set_is_a_plain_file_name(tmp_path, name):
 
 @pytest.mark.parametrize('name', ['grö\u00dfe 1', '-rf', '%s', 'x' * 200])
 def test_any_printable_name_of_a_file_will_do(tmp_path, name):
-    save_refined(refined(0.9), ([0, 10**9], BELIEFS), tmp_path, name, OutputConfig())
+    save_refined(
+        refined(0.9),
+        RefinedTrajectory([0, 10**9], BELIEFS, Pose2D()),
+        tmp_path,
+        name,
+        OutputConfig(),
+    )
     assert (tmp_path / f'{name}_trajectory_deviations.csv').is_file()

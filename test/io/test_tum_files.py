@@ -33,7 +33,17 @@ def test_deviations_lie_beside_them(tmp_path: Path) -> None:
         'stamp_s,x_m,y_m,yaw_rad',
         '0.000000000,0.20000000,0.10000000,0.01000000',
     ]
-    np.testing.assert_allclose(read_deviations(path, np.array([400])), [(0.2, 0.1, 0.01)])
+    for apart in (False, True):
+        found = read_deviations(path, np.array([400]), apart=apart)
+        np.testing.assert_allclose(found, [(0.2, 0.1, 0.01)])
+
+
+def test_deviations_without_what_all_poses_have_in_common(tmp_path: Path) -> None:
+    path = tmp_path / 'refined.txt'
+    write_beliefs(path, [0], [PoseBelief(Pose2D(), COVARIANCE)], np.array([(0.02, 0.03, 0.004)]))
+    np.testing.assert_allclose(read_deviations(path, np.array([0])), [(0.2, 0.1, 0.01)])
+    found = read_deviations(path, np.array([0]), apart=True)
+    np.testing.assert_allclose(found, [(0.02, 0.03, 0.004)])
 
 
 @pytest.mark.parametrize(
@@ -47,7 +57,7 @@ def test_deviations_lie_beside_them(tmp_path: Path) -> None:
         ('1,1,1e9,1', r'line 2 has 1, 1e\+09, 1'),
         ('1.002,1,2,1', 'line 2 is of 1.002 s: expected 1 s, the stamp of that pose'),
         ('nan,1,2,1', 'line 2 is of nan s'),
-        ('1,1,two,1', 'expected lines of four numbers'),
+        ('1,1,two,1', 'expected lines of four or seven numbers'),
     ],
 )
 def test_deviations_of_something_else_are_refused(tmp_path: Path, line: str, said: str) -> None:
