@@ -113,9 +113,10 @@ def _mended(summary: ImportSummary) -> list[str]:
         late = ', '.join(f'{count} {kind}' for kind, count in summary.out_of_order.items())
         mended.append(f'  out of order  {late}: sorted by time')
     if summary.repeated_stamps:
+        no_times = '; all are the same: times between scans are made up'
         mended.append(
-            f'  repeated      {summary.repeated_stamps} stamps spread out, '
-            f'by up to {summary.largest_shift_s:.3g} s'
+            f'  repeated      {summary.repeated_stamps} stamps spread out, by up to '
+            f'{summary.largest_shift_s:.3g} s{no_times if summary.without_times else ""}'
         )
     if summary.odometry_echoes:
         mended.append(

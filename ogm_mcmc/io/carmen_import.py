@@ -82,6 +82,7 @@ class ImportSummary:
     particles_per_scan: int = 0
     out_of_order: dict[str, int] = field(default_factory=dict)
     repeated_stamps: int = 0
+    without_times: bool = False
     largest_shift_s: float = 0.0
     clock_shift_s: float = 0.0
     clock_jumps: int = 0
@@ -201,6 +202,7 @@ def _stamp(
     order, stamps, summary.repeated_stamps = strictly_increasing(
         times, kinds, options.repeat_step_s
     )
+    summary.without_times = summary.repeated_stamps > 0 and len(set(times)) == 1
     summary.largest_shift_s = max(
         abs(stamp / NS_PER_S - times[index]) for index, stamp in zip(order, stamps, strict=True)
     )

@@ -111,8 +111,15 @@ def test_repeated_stamps_and_time_offset(convert, laser_line):
     assert [m.pose.pose.position.x for _, m in bag.topics['/pose']] == [3, 1, 2, 4]
     for topic in ('/pose', '/scan'):
         assert all(header_ns(message) == time for time, message in bag.topics[topic])
-    assert summary.repeated_stamps == 2
+    assert (summary.repeated_stamps, summary.without_times) == (2, False)
     assert summary.largest_shift_s == pytest.approx(1.0)
+
+
+def test_a_log_without_times_is_said_to_be_one(convert, laser_line):
+    """Belgioioso: whatever is told in seconds, as the times of beams, is by what was made up."""
+    summary, _ = convert(*(laser_line(7, pose=(x, 0, 0)) for x in (3, 1, 2)))
+    assert summary.without_times
+    assert 'all are the same: times between scans are made up' in describe(summary)
 
 
 def test_particles_with_mean_and_covariance(convert):
