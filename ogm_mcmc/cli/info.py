@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import itertools
 import math
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,9 @@ __all__ = ['add_to']
 
 # Suffixes that only trajectories have.
 TRAJECTORIES = ('.tum', '.txt', '.csv', '.kitti', '.g2o', '.traj')
+
+# Transforms come in turn: so many messages of a topic are asked what they name.
+TF_MESSAGES = 100
 
 DETAILS = (
     'frame',
@@ -115,7 +119,7 @@ def _of_trajectory(options: argparse.Namespace) -> int:
 
 
 def _first_message(bag: BagReader, topic: str, msgtype: str) -> dict[str, Any]:
-    """Return the essentials of a scan, range or pose topic, from its first message.
+    """Return the essentials of a scan, range or pose topic, from its first message (tf: some).
 
     Of any topic, `problem` says why it cannot be read.
     """
@@ -132,8 +136,7 @@ def _first_message(bag: BagReader, topic: str, msgtype: str) -> dict[str, Any]:
             return {}
         message = bag.decode(record)
         if msgtype in TF_TYPES:
-            entries = read_transforms(message).entries
-            return {'transforms': [f'{entry.parent} -> {entry.child}' for entry in entries]}
+            return {'transforms': _transforms_in(bag, topic)}
         details: dict[str, Any] = {'frame': messages.frame_of(message)}
         if msgtype == ros_types.SCAN:
             remarks: list[str] = []
@@ -154,6 +157,17 @@ def _first_message(bag: BagReader, topic: str, msgtype: str) -> dict[str, Any]:
     except OgmError as error:
         return {'problem': str(error)}
     return details
+
+
+def _transforms_in(bag: BagReader, topic: str) -> list[str]:
+    """Return the transforms that the first messages of a topic name, in order, each once."""
+    return list(
+        dict.fromkeys(
+            f'{entry.parent} -> {entry.child}'
+            for record in itertools.islice(bag.records((topic,)), TF_MESSAGES)
+            for entry in read_transforms(bag.decode(record)).entries
+        )
+    )
 
 
 def _limits(scan: Scan) -> list[float | None]:

@@ -40,6 +40,15 @@ def test_what_map_takes(told, write_bag, make_scan):
     assert 'no poses in it' in without
 
 
+def test_transforms_that_come_in_turn(told, write_bag):
+    """Localizer and wheels send each their own on one topic."""
+    records = []
+    for stamp in STAMPS:
+        records.append(('/tf', stamp, transform(stamp, 'map', 'odom', 0.0, 0.0, 0.0)))
+        records.append(('/tf', stamp, transform(stamp, 'odom', 'base_link', 0.1, 0.0, 0.0)))
+    assert "(transforms ['map -> odom', 'odom -> base_link'])" in told(write_bag(records))
+
+
 def test_a_trajectory(told, tmp_path):
     path = tmp_path / 'poses.tum'
     path.write_text('20.0 1 2 0 0 0 0 1\n20.5 1 3 0 0 0 0 1\n21.0 -1 3 0 0 0 0 1\n')
