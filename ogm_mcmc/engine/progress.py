@@ -36,6 +36,15 @@ class Progress(NamedTuple):
 
         return {key: plain(value) for key, value in self._asdict().items()}
 
+    def said(self, scans: int) -> str:
+        """Return a line for the log about a run that has ended, of so many scans."""
+        agree = f', {100.0 * self.agreeing_share:.1f} % of the informed cells agree'
+        return (
+            f'refined {scans} scans in {self.seconds:.1f} s: {self.chains} chain(s), '
+            f'{self.sweeps} sweeps, {self.counted} of them counted'
+            f'{agree if math.isfinite(self.r_hat_p99) else ""}'
+        )
+
 
 class IndexSize(NamedTuple):
     """Rays, pairs of a ray and a cell it crosses, memory.

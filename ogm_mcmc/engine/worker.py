@@ -304,6 +304,8 @@ class RefineWorker:
             self._hand_over(order, progress, final=not replaced)
         if self.state_file is not None and reason not in ('cleared', 'refined again'):
             self._write_state()
+        if reason not in ('refined again', 'cleared', 'shut down'):
+            self.log(f'{progress.said(len(order.scans))} ({reason})')
         self.status = self.status._replace(state='idle', stopped=reason)
 
     def _hand_over(self, order: _Order, progress: Progress, *, final: bool) -> None:

@@ -18,7 +18,9 @@ pytestmark = pytest.mark.usefixtures('compiled')
 
 
 def test_the_last_map_is_what_the_core_samples(make):
-    worker, limits = make(map_every_s=0.0), StopConfig(max_sweeps=40, r_hat=0.0)
+    said: list[str] = []
+    worker = make(map_every_s=0.0, log=said.append)
+    limits = StopConfig(max_sweeps=40, r_hat=0.0)
     assert worker.result is None
     assert worker.refine(scans(6), limits) is False
     until(lambda: idle(worker, 'sweeps'))
@@ -31,7 +33,13 @@ def test_the_last_map_is_what_the_core_samples(make):
     assert np.array_equal(
         result.grid_map.probability, core.known_map().probability, equal_nan=True
     )
-    assert worker.status.progress.sweeps == 40
+    progress = worker.status.progress
+    assert progress.sweeps == 40
+    assert said[-1].startswith(
+        f'refined 6 scans in {progress.seconds:.1f} s: 2 chain(s), 40 sweeps'
+    )
+    assert said[-1].endswith(' (sweeps)')
+    assert f'{100.0 * progress.agreeing_share:.1f} % of the informed cells agree' in said[-1]
     samples = result.samples
     assert 1 <= samples.draws <= 64
     assert samples.spec == core.window.spec
@@ -178,13 +186,15 @@ def test_state_is_written_when_asked_and_at_the_end(make, tmp_path):
     other.refine(scans(6), limits)
     until(lambda: idle(other, 'sweeps'))
     assert other.status.progress.sweeps == at_end + 30
-    assert said == [f'continues from {state}']
+    assert said[0] == f'continues from {state}'
+    assert said[1].startswith('refined 6 scans')
+    assert len(said) == 2
 
     third = make(state_file=state, log=said.append)
     third.refine(scans(5), limits)
     until(lambda: idle(third, 'sweeps'))
     assert third.status.progress.sweeps == 30
-    assert said[-1].startswith(f'starts new chains: {state}: ')
+    assert said[-2].startswith(f'starts new chains: {state}: ')
 
 
 def test_what_no_return_means_is_said_once(make):
@@ -202,4 +212,5 @@ def test_what_no_return_means_is_said_once(make):
         until(lambda n=count: worker.status.scans == n and idle(worker, 'sweeps'))
         shares.add(worker.status.no_return.found.share)
     assert len(shares) == 3
-    assert [line.split(',')[0] for line in said] == ['no_return auto: ignore']
+    told = [line.split(',')[0] for line in said if not line.startswith('refined ')]
+    assert told == ['no_return auto: ignore']
