@@ -50,6 +50,9 @@ LONGEST_STEP_S = 2.0
 # Poses so far apart, s, do not even tell by how much to bend a scan.
 LONGEST_BENT_S = 5.0
 
+# Times are rounded: limits are kept by those that miss them by less, s.
+ROUNDED_S = 1e-6
+
 # No robot goes or turns faster, m/s and rad/s: that was a jump of the localizer.
 FASTEST = 10.0
 
@@ -88,22 +91,22 @@ def velocities(poses: Float64Array, order: AnyArray, times_s: Float64Array) -> S
     """
     sorted_, times = poses[order], times_s[order]
     here = np.arange(len(poses))
-    before = np.searchsorted(times, times - SHORTEST_STEP_S, 'right') - 1
-    after = np.searchsorted(times, times + SHORTEST_STEP_S, 'left').clip(0, here.size - 1)
-    before = np.where(times - times[before] > LONGEST_BENT_S, here, before.clip(0))
-    after = np.where(times[after] - times > LONGEST_BENT_S, here, after)
+    before = np.searchsorted(times, times - SHORTEST_STEP_S + ROUNDED_S, 'right') - 1
+    after = np.searchsorted(times, times + SHORTEST_STEP_S - ROUNDED_S, 'left')
+    inside = (before >= 0) & (after < here.size)
+    before, after = before.clip(0), after.clip(0, here.size - 1)
+    apart = np.stack((times - times[before], times[after] - times))
+    before, after = np.where(apart > LONGEST_BENT_S + ROUNDED_S, here, (before, after))
     sides = [_between(sorted_, times, before, here), _between(sorted_, times, here, after)]
     steps = _between(sorted_, times, before, after)
     possible = np.hypot(steps[:, 0], steps[:, 1]).clip(np.abs(steps[:, 2])) <= FASTEST
     steps[~possible] = 0.0
-    apart = np.stack((times - times[before], times[after] - times))
-    short = (apart >= SHORTEST_STEP_S) & (apart <= LONGEST_STEP_S)
     found, unsure = np.empty_like(steps), np.empty_like(steps)
     found[order] = _turned(steps, -sorted_[:, 2])
     # As likely that of the step before as that of the one after, or any between.
     unsure[order] = _turned((sides[1] - sides[0]) / np.sqrt(12.0), -sorted_[:, 2])
     known = np.empty(here.size, np.bool_)
-    known[order] = possible & short.all(axis=0)
+    known[order] = possible & inside & (apart <= LONGEST_STEP_S + ROUNDED_S).all(axis=0)
     return Speeds(found, unsure, known)
 
 
@@ -195,7 +198,7 @@ def _by_scan(system: SurfelSystem, values: Float64Array) -> Float64Array:
 
 
 def clear_numbers(
-    precisions: Float64Array, pulls: Float64Array, wider: float = 1.0, unsure: float = 0.0
+    precisions: Float64Array, pulls: Float64Array, wider: float, unsure: float
 ) -> BeamTimes:
     """Return the numbers that are clear of 0, the least clear left out one by one.
 

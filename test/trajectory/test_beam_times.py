@@ -27,6 +27,7 @@ ORDER = np.arange(COUNT)
 STAGE = Stage(side_m=0.4, cut_m=0.06, flatness=0.2, steps=1)
 SPREAD = np.diag(np.square((0.05, 0.05, 0.02)))
 TURNS, SWEEP = 0.012, 0.02
+AS_TOLD = 1.0, 0.0  # points scatter as the model says, speeds are sure
 
 
 def refined(scans, start=TRUTH, times_s=TIMES, order=None, **settings):
@@ -144,18 +145,20 @@ def test_stretches_that_disagree_are_in_the_deviations() -> None:
     rng = np.random.default_rng(0)
     seconds = 0.02 + 0.004 * rng.standard_normal((8, 2))
     precisions = 1e8 * np.tile(np.eye(2), (8, 1, 1))
-    found = clear_numbers(precisions, 1e8 * seconds)
+    found = clear_numbers(precisions, 1e8 * seconds, *AS_TOLD)
     np.testing.assert_allclose(found.seconds, seconds.mean(axis=0), rtol=1e-6)
     expected = seconds.std(axis=0, ddof=1) / np.sqrt(8.0)
     np.testing.assert_allclose(found.deviations, expected, rtol=1e-5)
     standing = np.zeros((30, 2, 2))
     more = clear_numbers(
-        np.concatenate((standing, precisions)), np.concatenate((standing[:, 0], 1e8 * seconds))
+        np.concatenate((standing, precisions)),
+        np.concatenate((standing[:, 0], 1e8 * seconds)),
+        *AS_TOLD,
     )
     np.testing.assert_allclose(more.deviations, expected, rtol=1e-5)
-    alike = clear_numbers(precisions, np.full((8, 2), 2e6))
+    alike = clear_numbers(precisions, np.full((8, 2), 2e6), *AS_TOLD)
     np.testing.assert_allclose(alike.deviations, 1.0 / np.sqrt(8e8), rtol=1e-6)
-    lone = clear_numbers(precisions[:1], np.full((1, 2), 2e6))
+    lone = clear_numbers(precisions[:1], np.full((1, 2), 2e6), *AS_TOLD)
     assert not lone.seconds.any()
 
 
@@ -211,3 +214,19 @@ def test_scans_that_follow_fast_are_not_told_by_the_next() -> None:
     poses[:, 0] = 0.002 * (-1.0) ** np.arange(40)
     found = velocities(poses, np.arange(40), 0.025 * np.arange(40))
     assert np.abs(found.found[:, 0]).max() <= 0.004 / 0.08
+
+
+@pytest.mark.parametrize('rate_hz', [0.5, 12.5, 25.0, 50.0, 75.0, 100.0])
+def test_scans_at_a_steady_rate_tell_their_speeds(rate_hz) -> None:
+    """Steps of just 0.08 s or 2 s, but for rounding: none is left out, all go equally far."""
+    times = 1e-9 * np.rint(1e9 / rate_hz * np.arange(200))
+    poses = np.zeros((200, 3))
+    poses[:, 0] = 0.01 * times**2
+    found = velocities(poses, np.arange(200), times)
+    scans = int(np.ceil(0.08 * rate_hz - 1e-6))
+    inner = slice(scans, -scans)
+    assert found.known[inner].all()
+    assert found.known.sum() == 200 - 2 * scans
+    np.testing.assert_allclose(found.found[inner, 0], 0.02 * times[inner], rtol=1e-6)
+    unsure = 0.02 * scans / rate_hz / np.sqrt(12.0)
+    np.testing.assert_allclose(found.unsure[inner, 0], unsure, rtol=1e-6)
