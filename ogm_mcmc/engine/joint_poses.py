@@ -108,7 +108,8 @@ class PoseRefinement:
     `odometry` says where the robot was at a stamp by its wheels, where the settings want it;
     `wheels` are the moves that came of it. Where beams were taken at different times, scans come
     out bent by that, from `scans_bent`: those of before stay the same objects. That is not looked
-    for where scans are of several sensors: each would have times and speeds of its own.
+    for where scans are of several sensors, each of which would have times and speeds of its own,
+    or of one that moves on the robot: mounts that differ may be of either.
     """
 
     def __init__(
@@ -183,7 +184,10 @@ class PoseRefinement:
         """Return a line for the user: when beams were taken; empty where all were at once."""
         if self.one_sensor or not self.estimator.config.beam_times:
             return said_beam_times(self.estimator.beam_times)
-        return 'scans of several sensors: when their beams were taken is not estimated'
+        return (
+            'scans of several sensors, or of one that moves on the robot: when their beams were '
+            'taken is not estimated'
+        )
 
     @property
     def odometry_scale(self) -> float:

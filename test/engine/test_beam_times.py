@@ -98,6 +98,16 @@ def test_scans_of_several_sensors_do_not_tell_when_beams_were_taken(offset) -> N
     assert PoseRefinement(placed, off).said_beam_times() == ''
 
 
+def test_one_sensor_that_moves_on_the_robot_is_not_told_to_be_several() -> None:
+    scans = scans_of(TRUTH, 30, 0.01)
+    placed = [
+        PlacedScan(scan, PoseBelief(pose, offset=Pose2D(0.2, 0.0, 0.02 * k)))
+        for k, (scan, pose) in enumerate(zip(scans, poses_of(TRUTH), strict=True))
+    ]
+    said = PoseRefinement(placed, TrajectoryConfig()).said_beam_times()
+    assert said.startswith('scans of several sensors, or of one that moves on the robot: ')
+
+
 @pytest.mark.parametrize(
     ('seconds', 'said'),
     [
