@@ -2,8 +2,8 @@
 
 Beside NAME.txt a file NAME_deviations.csv holds the standard deviations of x, y (m) and yaw (rad)
 of every pose, where they are known, and once more without the motion that all poses have in
-common, where that is known: this is what blurs a map. evo reads the first, and takes no notice of
-the second.
+common, where that is known: this is what blurs a map. Its first line names the columns; what
+follows a # is a remark. evo reads the first file, and takes no notice of the second.
 """
 
 from __future__ import annotations
@@ -68,36 +68,58 @@ def read_deviations(
 
     stamps_ns  (N,) of these poses
     apart      without the motion that all poses have in common, where the file tells these
-    Raises PoseError for a file that is not of these poses.
+    Raises PoseError with file and line for a file that is not of these poses.
     """
     beside = deviations_file(path)
     if not beside.exists():
         return None
-    try:
-        lines = list(filter(str.strip, text_of(beside).splitlines()))[1:]
-        rows = np.loadtxt(lines, delimiter=',', ndmin=2) if lines else np.empty((0, 4))
-    except (OSError, ValueError) as error:
-        reason = reason_of(error)
-        raise PoseError(f'{beside}: expected lines of four or seven numbers ({reason})') from error
+    numbers, rows = _table(beside)
     count = len(stamps_ns)
-    if rows.shape not in ((count, 4), (count, 7)):
+    if len(rows) != count:
         raise PoseError(
-            f'{beside}: {rows.shape[0]} lines of {rows.shape[1]} numbers below the first: '
-            f'expected one of four or seven for each of {count} poses in {path}'
+            f'{beside}: deviations of {len(rows)} pose{"s"[: len(rows) != 1]}: '
+            f'expected those of {count} in {path}'
         )
     spread = rows[:, 1:]
     bad = ~((spread >= 0.0) & (spread <= WIDEST)).all(axis=1)
     if bad.any():
         k = int(np.argmax(bad))
         raise PoseError(
-            f'{beside}: line {k + 2} has {", ".join(f"{value:g}" for value in spread[k])}: '
+            f'{beside}: line {numbers[k]} has {", ".join(f"{value:g}" for value in spread[k])}: '
             f'expected standard deviations from 0 to {WIDEST:g}'
         )
     off = ~(np.abs(rows[:, 0] - stamps_ns / 1e9) <= 1e-9 * ROUNDING_NS)
     if off.any():
         k = int(np.argmax(off))
         raise PoseError(
-            f'{beside}: line {k + 2} is of {rows[k, 0]:.15g} s: '
+            f'{beside}: line {numbers[k]} is of {rows[k, 0]:.15g} s: '
             f'expected {stamps_ns[k] / 1e9:.15g} s, the stamp of that pose in {path}'
         )
     return np.ascontiguousarray(spread[:, -3:] if apart else spread[:, :3])
+
+
+def _table(path: Path) -> tuple[list[int], Float64Array]:
+    """Return the numbers of N lines in the file, and what is in them (N, 4 or 7)."""
+    try:
+        text = text_of(path)
+    except (OSError, ValueError) as error:
+        raise PoseError(f'{path}: cannot be read ({reason_of(error)})') from error
+    lines = [(k, line.partition('#')[0].strip()) for k, line in enumerate(text.splitlines(), 1)]
+    lines = [(k, said) for k, said in lines if said]
+    first, header = lines[0] if lines else (1, '')
+    if header.replace(' ', '') not in (HEADER, HEADER + APART):
+        raise PoseError(
+            f'{path}: line {first} is {header[:80]!r}: expected {HEADER}, or {HEADER + APART}'
+        )
+    width = len(header.split(','))
+    rows = np.empty((len(lines) - 1, width))
+    for row, (k, said) in zip(rows, lines[1:], strict=True):
+        values = said.split(',')
+        if len(values) != width:
+            shown = f'{len(values)} of {width} numbers: {said[:80]!r}'
+            raise PoseError(f'{path}: line {k} has {shown}')
+        try:
+            row[:] = [float(value) for value in values]
+        except ValueError as error:
+            raise PoseError(f'{path}: line {k}: expected numbers, not {said[:80]!r}') from error
+    return [k for k, _ in lines[1:]], rows

@@ -162,5 +162,7 @@ def test_standard_deviations_beside_a_trajectory_are_covariances(choose, scans):
     held = scans([STAMPS[0] - 500_000, STAMPS[-1] + 500_000])
     _, placed, _ = choose(held, rows, spreads)
     assert [one.belief.covariance[0, 0] for one in placed] == pytest.approx([0.01, 0.04])
-    with pytest.raises(PoseError, match=r'poses_deviations.csv: 1 lines .* each of 2 poses'):
+    with pytest.raises(
+        PoseError, match=r'deviations of 1 pose: expected those of 2 in .*poses.tum'
+    ):
         choose(scans(), rows, spreads[:1])
