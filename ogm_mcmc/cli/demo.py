@@ -25,6 +25,7 @@ from tqdm import tqdm
 
 from ogm_mcmc.cli.demo_input import DemoInput, prepare
 from ogm_mcmc.cli.options import (
+    BELIEF_METHODS,
     Subparsers,
     add_config_options,
     add_stream_options,
@@ -250,6 +251,9 @@ def _computed(options: argparse.Namespace, source: DemoInput) -> list[str]:
     said += ['--trajectory', str(options.trajectory)]
     if options.trajectory_stamps is not None:
         said += ['--trajectory-stamps', str(options.trajectory_stamps)]
+    if config_from(options, NodeMapperConfig).method in BELIEF_METHODS:
+        # They count once: the refined map takes poses as they come.
+        said.append('--trajectory-deviations')
     return said
 
 

@@ -356,10 +356,15 @@ class ReplayConfig:
     )
     trajectory: str = setting(
         '',
-        'file with poses to publish on `pose`: TUM, EuRoC, KITTI or g2o, with covariances where '
-        'NAME_deviations.csv lies beside it; empty: none',
+        'file with poses to publish on `pose`: TUM, EuRoC, KITTI or g2o; empty: none',
     )
     trajectory_stamps: str = setting('', 'file with the stamps, for KITTI and g2o')
+    trajectory_deviations: bool = setting(
+        False,
+        'publish poses of NAME.txt with the standard deviations in NAME_deviations.csv beside it, '
+        'for nodes that average over them (method pose_uncertain, adaptive); not for poses: joint '
+        'or auto where the file came of the same scans, which would then count twice',
+    )
     map_frame: str = setting('', 'poses are computed in this frame of tf; empty: map')
     base_frame: str = setting(
         '',

@@ -110,6 +110,7 @@ def computed_poses(
         pose_source=settings.pose_source,
         trajectory=Path(settings.trajectory) if settings.trajectory else None,
         trajectory_stamps=Path(settings.trajectory_stamps) if settings.trajectory_stamps else None,
+        deviations=settings.trajectory_deviations,
     )
     try:
         topics = choose_topics(bag, choice)

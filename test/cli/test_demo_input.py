@@ -6,8 +6,9 @@ import pytest
 from support.transforms import transform
 
 from ogm_mcmc.cli import demo
-from ogm_mcmc.cli.demo import _common, _replay_arguments
+from ogm_mcmc.cli.demo import _common, _refiner_arguments, _replay_arguments
 from ogm_mcmc.cli.demo_input import prepare
+from ogm_mcmc.config import PosesConfig
 from ogm_mcmc.errors import LogError
 from ogm_mcmc.geometry import Pose2D
 from ogm_mcmc.io import ros_types
@@ -119,4 +120,13 @@ def test_poses_of_a_file(looked_into, scans, tmp_path):
     path.write_text('20.0 1 2 0 0 0 0 1\n21.0 1 3 0 0 0 0 1\n')
     source, options = looked_into([*scans, *odometry()], '--trajectory', str(path))
     assert (source.pose_source, source.computed) == ('pose', 'trajectory')
-    assert f'--trajectory {path}' in ' '.join(_replay_arguments(options, source, '/x'))
+    said = _replay_arguments(options, source, '/x')
+    assert f'--trajectory {path}' in ' '.join(said)
+    assert '--trajectory-deviations' not in said
+    for method, sent in (('pose_uncertain', True), ('adaptive', True), ('counting', False)):
+        options.method = method
+        arguments = _replay_arguments(options, source, '/x')
+        assert ('--trajectory-deviations' in arguments) == sent
+    # Where the refined map's poses are estimated deviations would count twice: they are not.
+    assert 'poses:=' not in ' '.join(_refiner_arguments(options, source, tmp_path))
+    assert PosesConfig().poses == 'fixed'

@@ -17,11 +17,13 @@ from support.ros import NodeProcess, Observer
 from support.transforms import transform
 
 from ogm_mcmc.config.nodes import ReplayConfig
+from ogm_mcmc.engine.placing import final_belief
 from ogm_mcmc.geometry import Pose2D
 from ogm_mcmc.io import messages
 from ogm_mcmc.io.bags import BagReader
 from ogm_mcmc.io.ros_types import odometry
 from ogm_mcmc.io.tf_messages import read_transform
+from ogm_mcmc.io.tum_files import HEADER
 from ogm_mcmc.ros.computed_poses import computed_poses
 from ogm_mcmc.ros.replay import Replay
 
@@ -146,12 +148,27 @@ def test_poses_of_a_file(write_bag, records, tmp_path):
     path = tmp_path / 'poses.tum'
     path.write_text('20.0 1 2 0 0 0 0 1\n21.0 1 3 0 0 0 0 1\n')
     spread = '0.1,0.2,0.3\n'
-    (tmp_path / 'poses_deviations.csv').write_text(f'stamp_s\n20.0,{spread}21.0,{spread}')
-    poses, done, _ = replayed(write_bag(records), '--trajectory', path, '--topics', 'scan')
+    (tmp_path / 'poses_deviations.csv').write_text(f'{HEADER}\n20.0,{spread}21.0,{spread}')
+    said = ('--trajectory', path, '--trajectory-deviations', '--topics', 'scan')
+    poses, done, _ = replayed(write_bag(records), *said)
     assert done['published'] == {'pose': 6, '/scan': 6}
     assert poses[0].pose.pose.position.y == pytest.approx(2.05)
     # Deviations beside the file, for nodes that average over them.
     assert poses[0].pose.covariance[::7] == pytest.approx([0.01, 0.04, 0.0, 0.0, 0.0, 0.09])
+
+
+def test_deviations_beside_a_file_are_not_sent_unasked(write_bag, records, tmp_path):
+    """Poses that came of the same scans would count twice where nodes estimate poses."""
+    path = tmp_path / 'poses.tum'
+    path.write_text('20.0 1 2 0 0 0 0 1\n21.0 1 3 0 0 0 0 1\n')
+    spread = '0.1,0.2,0.3\n'
+    (tmp_path / 'poses_deviations.csv').write_text(f'{HEADER}\n20.0,{spread}21.0,{spread}')
+    with BagReader(write_bag(records)) as bag, local_node(partial(Node, 'player')) as node:
+        for asked in ({}, {'trajectory_deviations': True}):
+            settings = ReplayConfig(trajectory=str(path), **asked)
+            poses = computed_poses(node, bag, settings, tf_is_sent=True)
+            belief = final_belief(poses.source, STAMPS[1])
+            assert (belief.covariance is not None) == bool(asked)
 
 
 def test_a_recording_of_less_than_a_second_played_again_has_its_poses_again(write_bag, records):
