@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from array import array
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,6 +23,10 @@ __all__ = ['BagSurvey', 'SeenTopic', 'survey', 'topic_namespace', 'transform_top
 # So many transforms at fault are told of.
 MOST_FAULTS = 10
 
+# Messages with one stamp were recorded within so long where that is when they were measured: the
+# lasers of one moment. Farther apart, a clock stood still.
+ONE_MOMENT_NS = 1_000_000_000
+
 # So many scans of a topic are kept to look at what they measured.
 SAMPLED = 50
 
@@ -32,8 +36,9 @@ class SeenTopic(NamedTuple):
 
     `frames`: all of them, the most frequent first, `middle_ns` the stamp of one message of each
     from the middle. `child_frame`: of the first message, where its type has one, or as the bag
-    notes. `unstamped`: all stamps are 0 or all the same in the messages; those here are the times
-    at which they were recorded. `sampled`: some of its scans, from all over.
+    notes. `unstamped`: all stamps are 0 or all the same in the messages, these recorded over more
+    than `ONE_MOMENT_NS`; those here are the times at which they were recorded. `sampled`: some of
+    its scans, from all over.
     """
 
     topic: BagTopic
@@ -53,8 +58,8 @@ class SeenTopic(NamedTuple):
 class BagSurvey(NamedTuple):
     """What was seen: topics by name (those with messages), and the tree of transforms.
 
-    `unstamped_frames` move, and every transform to them is stamped 0: it holds from when it was
-    recorded on.
+    `unstamped_frames` move, and transforms to them are unstamped as messages are (`SeenTopic`):
+    each holds from when it was recorded on.
     """
 
     topics: dict[str, SeenTopic]
@@ -98,7 +103,8 @@ def survey(bag: BagReader, headed: Iterable[BagTopic], tf: Iterable[BagTopic]) -
         if by_frame
     }
     for name, by_frame in recorded.items():
-        if name not in stamped and sum(map(len, by_frame.values())) > 1:
+        times = [time_ns for of_frame in by_frame.values() for time_ns in of_frame]
+        if times and name not in stamped and _unstamped(first[name], times):
             again = _seen(known[name], by_frame, children[name])
             seen[name] = again._replace(unstamped=True)
     seen = {name: one._replace(sampled=tuple(sampled[name])) for name, one in seen.items()}
@@ -111,6 +117,13 @@ def _is_sample(topic: BagTopic, k: int) -> bool:
     return topic.msgtype == ros_types.SCAN and k % every == 0
 
 
+def _unstamped(stamp_ns: int, recorded: Sequence[int]) -> bool:
+    """Whether messages that all have this stamp say nothing of when they were measured."""
+    if stamp_ns == 0:
+        return len(recorded) > 1
+    return max(recorded) - min(recorded) > ONE_MOMENT_NS
+
+
 class _Transforms:
     """Transforms into a tree; of frames that never have a stamp by the times of recording."""
 
@@ -119,25 +132,51 @@ class _Transforms:
         self.faults: list[str] = []
         self._stamped: set[str] = set()
         self._static: set[str] = set()
-        self._waiting: dict[str, list[tuple[StampedTransform, int]]] = {}  # stamped 0, by child
+        # By child, with the times of recording: those stamped 0, and those with one other stamp.
+        self._waiting: dict[str, list[tuple[StampedTransform, int]]] = {}
+        self._same: dict[str, list[tuple[StampedTransform, int]]] = {}
 
     def take(self, message: Any, static: bool, time_ns: int) -> None:
         """Take a message that was recorded at a time."""
         read = read_transforms(message)
         self.faults += read.faults[: MOST_FAULTS - len(self.faults)]
         for entry in read.entries:
-            if not static and entry.stamp_ns == 0:
+            if static:
+                self._static.add(entry.child)
+                self.tree.add(entry, static=True, arrival_ns=time_ns)
+            elif entry.stamp_ns == 0:
                 self._waiting.setdefault(entry.child, []).append((entry, time_ns))
-                continue
-            (self._static if static else self._stamped).add(entry.child)
-            self.tree.add(entry, static=static, arrival_ns=time_ns)
+            elif entry.child in self._stamped:
+                self.tree.add(entry)
+            else:
+                same = self._same.setdefault(entry.child, [])
+                same.append((entry, time_ns))
+                if entry.stamp_ns != same[0][0].stamp_ns:
+                    self._have_stamps(entry.child)
+
+    def _have_stamps(self, child: str) -> None:
+        """Take what waited for another stamp than its own."""
+        for entry, _ in self._same.pop(child, ()):
+            self._stamped.add(child)
+            self.tree.add(entry)
 
     def finish(self) -> tuple[str, ...]:
         """Take what waits; return the frames that move and never have a stamp.
 
-        Where a transform is static, what came without a stamp beside it does not count.
+        Where a transform is static, what came beside it without a stamp, or with one only, does
+        not count.
         """
         unstamped = []
+        for child, same in list(self._same.items()):
+            if child in self._static:
+                continue
+            times = [time_ns for _, time_ns in same]
+            if child in self._waiting or not _unstamped(same[0][0].stamp_ns, times):
+                self._have_stamps(child)
+            else:
+                unstamped.append(child)
+                for entry, time_ns in same:
+                    self.tree.add(entry._replace(stamp_ns=time_ns))
         for child, waiting in self._waiting.items():
             if child in self._static:
                 continue

@@ -136,8 +136,8 @@ def _with_poses(
     unstamped_frames = _unstamped_above(seen, scans, frames.base_frame)
     if unstamped_frames:
         remarks.append(
-            f'stamps of transforms to {", ".join(unstamped_frames)} are all 0: the times of '
-            'recording are taken'
+            f'stamps of transforms to {", ".join(unstamped_frames)} are all 0 or all the same: '
+            'the times of recording are taken'
         )
     return StreamTopics(
         tuple(topic.topic for topic in scans),

@@ -16,6 +16,7 @@ from ogm_mcmc.io.bags import BagReader, BagTopic
 
 SECOND = 1_000_000_000
 STAMPS = [20 * SECOND + k * SECOND // 10 for k in range(8)]
+SLOW = [20 * SECOND + k * SECOND // 5 for k in range(8)]
 NUMBERED = list(enumerate(STAMPS))
 
 
@@ -285,17 +286,44 @@ def test_poses_that_come_rarely(choose, scans, make_pose):
 def test_stamps_that_are_all_the_same(choose, make_scan, make_pose, always):
     """A driver that sets none, a clock that stands still: what was recorded when is known."""
     records = []
-    for k, time in enumerate(STAMPS):
+    for k, time in enumerate(SLOW):
         records.append(('/pose', time, make_pose(always, x=float(k))))
         records.append(('/scan', time, make_scan(always, ranges=[k + 1.0] * 5)))
     topics, placed, said = choose(records, max_speed_m_s=100.0)
     assert [scan.pose.x_m for scan in placed] == [0, 1, 2, 3, 4, 5, 6, 7]
-    assert [scan.scan.stamp_ns for scan in placed] == STAMPS
+    assert [scan.scan.stamp_ns for scan in placed] == SLOW
     assert topics.unstamped == {'/pose', '/scan'}
     same = 'stamps on /pose, /scan are all 0 or all the same: '
     assert f'{same}the times of recording are taken' in said
     with pytest.raises(BagError, match=f'{same}expected those'):
         topics.require_stamps('bag')
+
+
+def test_a_clock_that_stood_still_with_poses_on_tf(choose, make_scan):
+    records = []
+    for k, time in enumerate(SLOW):
+        records.append(('/scan', time, make_scan(SLOW[0])))
+        records.append(('/tf', time, transform(SLOW[0], 'odom', 'base_link', 0.1 * k, 0.0, 0.0)))
+    records.append(static('laser', 0.2, 0.0, 0.0))
+    topics, placed, said = choose(records)
+    assert [scan.pose.x_m for scan in placed] == pytest.approx(0.2 + 0.1 * np.arange(8))
+    assert (topics.unstamped, topics.unstamped_frames) == ({'/scan'}, ('base_link',))
+    assert any('to base_link are all 0 or all the same' in line for line in said)
+
+
+def test_messages_of_one_moment_keep_their_stamp(choose, make_scan):
+    """Two lasers of one sweep, recorded one after the other: nodes can place them."""
+    records = []
+    for k, frame in enumerate(('laser', 'other')):
+        time = STAMPS[0] + k * SECOND // 50
+        records.append(('/scan', time, make_scan(STAMPS[0], frame=frame)))
+        records.append(('/tf', time, transform(STAMPS[0], 'odom', 'base_link', 1.0, 0.0, 0.0)))
+    records += [static('laser', 0.2, 0.0, 0.0), static('other', 0.3, 0.0, 0.0)]
+    topics, placed, _ = choose(records)
+    assert [scan.pose.x_m for scan in placed] == pytest.approx([1.2, 1.3])
+    assert [scan.scan.stamp_ns for scan in placed] == [STAMPS[0]] * 2
+    assert (topics.unstamped, topics.unstamped_frames) == (frozenset(), ())
+    topics.require_stamps('bag')
 
 
 def test_first_stamps_of_0_stay_what_they_are(choose, scans, make_scan):
@@ -319,7 +347,8 @@ def test_transforms_without_stamps_count_from_when_they_were_recorded(choose, sc
         '-> base_link 100 %'
     )
     assert said[1] == (
-        'stamps of transforms to base_link are all 0: the times of recording are taken'
+        'stamps of transforms to base_link are all 0 or all the same: '
+        'the times of recording are taken'
     )
     topics.require_stamps('bag')  # poses at the stamps of the scans can be computed
     first = ('/tf', STAMPS[0], transform(0, 'odom', 'base_link', 0.0, 0.0, 0.0))
