@@ -298,8 +298,9 @@ class Refinement:
         """Go on from a saved state instead of the start that `take` made.
 
         What its beams were found to be like holds, too: a window that grew keeps what its first
-        scans told. Raises WindowError, with chains as `take` makes them, when the file is no such
-        file, or was written for other scans or settings.
+        scans told. Raises WindowError when the file is no such file, or was written for other
+        scans or settings. After an error everything is as before; where the index had changed
+        already nothing is taken any more, as after an error of `take`.
         """
         if self.sampler is None:
             raise WindowError('no scan was taken: take those of the saved state first')
@@ -315,13 +316,10 @@ class Refinement:
             else:
                 posterior = self.sampler.model
             sampler, _ = load_chains(path, posterior, accept)
-        except BaseException as error:
+        except BaseException:
             self.model, self.sensor = held
             if self._index_spent:
-                scans = self._taken
                 self._take_nothing()
-                if isinstance(error, WindowError):
-                    self.take(scans)
             raise
         self._told, self._came = told, max(len(self._taken) - told, 0)
         self.sampler, self.rounds = sampler, SamplingRounds()

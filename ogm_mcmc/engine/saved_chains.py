@@ -118,8 +118,14 @@ def require_saved(path: Path, wanted: dict[str, Any], saved: dict[str, Any]) -> 
                 raise WindowError(
                     f'{path}: a state of other scans: expected one of those of this window'
                 )
-            was = f' {saved[key]}' if key in saved else ''
-            raise WindowError(f'{path}: expected {key}{was}, as it was saved with, not {value}')
+            if key not in saved:
+                raise WindowError(
+                    f'{path}: a state saved by a version without {key}: it cannot be taken up '
+                    f'with {key} {value!r}; sample anew'
+                )
+            raise WindowError(
+                f'{path}: expected {key} {saved[key]!r}, as it was saved with, not {value!r}'
+            )
 
 
 def _header_in(held: NpzFile, path: Path) -> dict[str, Any]:

@@ -294,6 +294,8 @@ class RefineWorker:
                 refinement.resume(self.state_file)
             except WindowError as error:
                 self.log(f'starts new chains: {error}')
+                if refinement.sampler is None:
+                    refinement.take(scans)  # the index had been built for what the file says
             else:
                 self.log(f'continues from {self.state_file}')
 

@@ -99,8 +99,8 @@ def test_where_most_scans_went_all_is_built_anew(monkeypatch):
     assert refinement.holds([SCANS[12], *SCANS[5:12]])
 
 
-def test_where_a_state_cannot_be_taken_up_chains_begin_as_without_it(monkeypatch, tmp_path):
-    """Also where its sensor is another one: the index is built for it, and once more."""
+def test_a_state_that_fails_after_its_index_was_built_leaves_nothing_taken(monkeypatch, tmp_path):
+    """Where its sensor is another one, the index of before is gone: taking scans begins anew."""
     refinement = begun('single')
     refinement.take(SCANS[:8])
     run(refinement, max_sweeps=12)
@@ -118,6 +118,8 @@ def test_where_a_state_cannot_be_taken_up_chains_begin_as_without_it(monkeypatch
     monkeypatch.setattr(refinement_module, 'load_chains', fails)
     with pytest.raises(WindowError, match='cut short'):
         other.resume(tmp_path / 'state')
-    assert other.holds(SCANS[:8])
+    assert other.sampler is None
+    assert not other.holds(SCANS[:8])
+    other.take(SCANS[:8])
     assert [state.cells.tolist() for state in other.sampler.states] == expected
     assert other.model == refinement.model

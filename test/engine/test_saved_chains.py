@@ -1,6 +1,7 @@
 """Chains in files: taken up as if nothing had happened; whatever else is there is refused."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,7 +9,13 @@ from support.small_chains import assert_same, patch_model, sampler_of, small_mod
 from support.strategies import fan
 
 from ogm_mcmc.config import ForwardModelConfig, WindowConfig
-from ogm_mcmc.engine.saved_chains import VERSION, load_chains, save_chains, saved_settings
+from ogm_mcmc.engine.saved_chains import (
+    VERSION,
+    load_chains,
+    require_saved,
+    save_chains,
+    saved_settings,
+)
 from ogm_mcmc.errors import WindowError
 from ogm_mcmc.geometry import PlacedScan, Pose2D
 from ogm_mcmc.sampling import CellModel, RayWindow, posterior
@@ -214,3 +221,18 @@ def test_a_state_of_an_older_version_is_refused_for_that(saved, version):
         saved_settings(saved)
     assert '\n' not in str(caught.value)
     assert refused(saved) == str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ('saved', 'said'),
+    [
+        ({'patch.prior_file': ''}, "patch.prior_file '', as it was saved with, not 'x'"),
+        ({'seed': 1}, 'saved by a version without patch.prior_file: '),
+        ({'patch.prior_file': 'x', 'seed': 2}, 'expected seed 2, as it was saved with, not 1'),
+    ],
+)
+def test_the_first_setting_that_differs_is_told_with_both_values(saved, said):
+    """An empty text is seen as one; what the file lacks was not saved with it."""
+    with pytest.raises(WindowError) as caught:
+        require_saved(Path('chains.npz'), {'patch.prior_file': 'x', 'seed': 1}, saved)
+    assert said in str(caught.value)

@@ -2,6 +2,7 @@
 
 import threading
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -55,6 +56,27 @@ def test_an_index_that_cannot_be_used_ends_no_worker(make, monkeypatch):
     assert said[1:] == ['not refined: no patch fits']
     worker.refine(some, limits)
     until(lambda: idle(worker, 'sweeps'))
+    assert worker.status.progress.sweeps == 10
+
+
+def test_a_state_that_fails_after_its_index_was_built_harms_nothing(make, monkeypatch, tmp_path):
+    """It says that beams are other ones, then it breaks off: chains begin as without it."""
+    said, limits = [], StopConfig(max_sweeps=10, r_hat=0.0)
+    path, some = tmp_path / 'chains.npz', scans(3)
+    first = Refinement(CONFIG)
+    first.take(some)
+    first.save(path)
+    other = replace(first.model, sigma=0.5), None, 3
+    monkeypatch.setattr('ogm_mcmc.engine.refinement.saved_beams', lambda *_: other)
+
+    def fails(*_):
+        raise WindowError('cut short')
+
+    monkeypatch.setattr('ogm_mcmc.engine.refinement.load_chains', fails)
+    worker = make(state_file=path, log=said.append)
+    worker.refine(some, limits)
+    until(lambda: idle(worker, 'sweeps'))
+    assert said[0] == 'starts new chains: cut short'
     assert worker.status.progress.sweeps == 10
 
 
