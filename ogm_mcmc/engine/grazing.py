@@ -29,16 +29,16 @@ where its 95 % interval begins at 0.
 
 Neighbours on a wall err alike, in one scan and in all that see it: the counts below the median
 vary 5 to 14 times as much from place to place as those of readings on their own. So the interval
-takes walls within `ALIKE_M` for one (1 to 8 m: much the same). It is of these beams: with one of
-20 fewer cells are known to be solid, neighbours tell angles worse, and less is found (0.019
-instead of 0.031 m), which no interval of either tells.
+takes walls within `ALIKE_M` for one (1 to 8 m: much the same). It tells of chance alone. With one
+beam of 20 fewer cells are known to be solid, and angles are told worse by neighbours that are
+farther away: 0.019 m is found instead of 0.031, and neither interval holds the other value.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -49,7 +49,7 @@ from ogm_mcmc.geometry import CellBox, GridSpec, PlacedScan
 from ogm_mcmc.geometry.rays import on_lattice
 from ogm_mcmc.geometry.slants import slants_of
 
-__all__ = ['Grazing', 'grazing_of', 'told']
+__all__ = ['Grazing', 'grazing_of']
 
 # So many beams ended in a cell that is solid, at least, and more than passed it.
 ENDED = 2
@@ -74,29 +74,39 @@ HALF = 0.6745
 
 
 class Grazing(NamedTuple):
-    """How far surfaces are off, m, as found (see `Spread`), and what is `used` of it, m."""
+    """How far surfaces are off, m, as `found`, and what is `used` of it, m."""
 
-    mean: float
-    deviation: float | None
-    beams: int
-    low_95: float | None
-    high_95: float | None
+    found: Spread
     used: float
 
     @classmethod
     def of(cls, found: Spread, sharp: float) -> Grazing:
-        """Return what was found, and what counts of it where readings are sharp: 1, or not: 0."""
-        return cls(*found, used=sharp * told(found))
+        """Return what was found, and what counts of it where readings are sharp: 1, or not: 0.
+
+        Nothing counts where chance alone may have made it: where its interval begins at 0.
+        """
+        sure = found.low_95 is not None and found.low_95 > 0.0
+        return cls(found, sharp * found.mean if sure else 0.0)
+
+    @classmethod
+    def of_dict(cls, values: Mapping[str, Any]) -> Grazing:
+        """Return what `as_dict` gave; raises KeyError, TypeError or ValueError if it did not."""
+        found = dict(values)
+        used = found.pop('used')
+        return cls(Spread(**found), used)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON, those found and `used` side by side."""
+        return {**self.found._asdict(), 'used': self.used}
 
     def __str__(self) -> str:
         """Return `0.0300 m (0.0200 to 0.0400)`, and why less than that counts if so."""
-        found = str(Spread(*self[:-1]))
-        if self.used == self.mean:
-            return found
+        if self.used == self.found.mean:
+            return str(self.found)
         if self.used == 0.0:
-            return f'{found}, found but not counted, since its interval begins at 0'
+            return f'{self.found}, found but not counted, since its interval begins at 0'
         why = f'since sigma is above {SHARP_CELLS:g} cells'
-        return f'{found}, of which {self.used:.4f} m counts, {why}'
+        return f'{self.found}, of which {self.used:.4f} m counts, {why}'
 
 
 def grazing_of(
@@ -116,11 +126,6 @@ def grazing_of(
     found = [_Misses.none()]
     found += [_misses(scan, window.resolution, solid, box) for scan in scans[::every]]
     return _spread(_Misses(*map(np.concatenate, zip(*found, strict=True))), window.resolution)
-
-
-def told(grazing: Spread) -> float:
-    """Return what counts of it, m: 0 where chance alone may have made it."""
-    return grazing.mean if grazing.low_95 is not None and grazing.low_95 > 0.0 else 0.0
 
 
 class _Misses(NamedTuple):

@@ -117,10 +117,13 @@ class SensorNumbers(NamedTuple):
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain values for JSON: by name a mean, its deviation, beams and interval."""
-        return {
+        plain = {
             name: None if found is None else found._asdict()
             for name, found in self._asdict().items()
         }
+        if self.grazing is not None:
+            plain['grazing'] = self.grazing.as_dict()
+        return plain
 
 
 def fit_sensor(
@@ -300,7 +303,7 @@ def saved_beams(
         wrong, lost = (None if share is None else Share(**share) for share in shares)
         spread, off = numbers['sigma'], numbers['grazing']
         spread = None if spread is None else Spread(**spread)
-        off = None if off is None else Grazing(**off)
+        off = None if off is None else Grazing.of_dict(off)
         return found, SensorNumbers(wrong, lost, spread, off), scans
     except (KeyError, TypeError, ValueError) as error:
         raise WindowError(f'{path}: expected what was found of the beams ({error})') from error

@@ -18,13 +18,17 @@ from ogm_mcmc.engine.grazing import (
     _misses,
     _spread,
     grazing_of,
-    told,
 )
 from ogm_mcmc.engine.range_spread import Spread
 from ogm_mcmc.engine.sensor_fit import alike, fit_sensor
 from ogm_mcmc.geometry import CellBox, PlacedScan, Pose2D
 
 CELL = 0.1
+
+
+def told(found):
+    """What counts of what was found where readings are sharp."""
+    return Grazing.of(found, 1.0).used
 
 
 def scans_beside(wall_m, count=60):
@@ -142,14 +146,17 @@ def test_grazing_below_zero_is_found_where_readings_are_of_their_cells_and_a_num
     scans = list(scans_beside(1.07))
     window, given = WindowConfig(CELL), ChainConfig()
     model, numbers = fit_sensor(scans, SamplerConfig(NodeModelConfig(sigma=0.03), window, given))
-    assert model.grazing == numbers.grazing.used == numbers.grazing.mean > 0.0
+    assert model.grazing == numbers.grazing.used == numbers.grazing.found.mean > 0.0
     assert numbers.sigma is None
     assert 'grazing 0.0' in str(numbers)
     between = SamplerConfig(NodeModelConfig(sigma=0.0675), window, given)
     model, half = fit_sensor(scans, between)
-    assert half.grazing[:-1] == numbers.grazing[:-1]
-    assert model.grazing == half.grazing.used == pytest.approx(0.5 * half.grazing.mean)
-    assert half.as_dict()['grazing']['used'] == model.grazing
+    assert half.grazing.found == numbers.grazing.found
+    assert model.grazing == half.grazing.used == pytest.approx(0.5 * half.grazing.found.mean)
+    plain = half.as_dict()['grazing']
+    assert list(plain) == ['mean', 'deviation', 'beams', 'low_95', 'high_95', 'used']
+    assert plain['used'] == model.grazing
+    assert Grazing.of_dict(plain) == half.grazing
     blurred = SamplerConfig(NodeModelConfig(sigma=0.09), window, given)
     model, numbers = fit_sensor(scans, blurred)
     assert (model.grazing, numbers.grazing) == (0.0, None)

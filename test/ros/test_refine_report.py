@@ -85,7 +85,7 @@ def test_what_was_found_out_about_the_sensor():
         None,
         None,
         Spread(0.0193, 0.004, 81, 0.0117, 0.027),
-        Grazing(0.03, 0.0, 9, 0.02, 0.04, used=0.03),
+        Grazing(Spread(0.03, 0.0, 9, 0.02, 0.04), used=0.03),
     )
     assert sensor_values(only) == {
         'sigma of ranges (95 % interval)': '0.0193 m (0.0117 to 0.0270)',
