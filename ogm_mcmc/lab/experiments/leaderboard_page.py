@@ -24,7 +24,7 @@ better; only differences in one column mean something. The judge is the beam mod
 defaults and a sigma of 0.05 m; a cell that a map does not know is occupied with probability 0.15,
 whoever made the map. Cells are 5 cm in logs and 10 cm in buildings. Sampled maps are the mean of
 chains of 60 sweeps, of which up to 20 are burn-in; how many chains follows from the rays:
-{chains} (2 of single cells).
+{chains} (2 of single cells). Rows marked `2 chains` are of two in all of their columns.
 
 With joint poses the same even beams also moved the poses; odd beams of a log then judge the map at
 these poses. **In CSAIL, Belgioioso and Freiburg odd beams are no fair judge of joint poses**:
@@ -142,9 +142,10 @@ def _percents(entries: Iterable[Mapping[str, Any]]) -> list[int]:
 def _log_table(entries: Sequence[Mapping[str, Any]]) -> str:
     percents = _percents(entries)
     lines: dict[str, dict[str, float | None]] = {}
+    names = _line_names(entries)
     for entry in entries:
         for mapper, found in entry['mappers'].items():
-            line = lines.setdefault(_line_name(mapper, entry['poses']), {})
+            line = lines.setdefault(names[mapper, entry['poses']], {})
             line[f'nats {entry["percent"]}'] = found['nats']
             if entry['percent'] == percents[0]:
                 line.update({key: found[key] for key in ('points_roc_area', *COSTS)})
@@ -158,9 +159,10 @@ def _log_table(entries: Sequence[Mapping[str, Any]]) -> str:
 
 def _building_table(entries: Sequence[Mapping[str, Any]]) -> str:
     gathered: dict[str, dict[str, list[float]]] = {}
+    names = _line_names(entries)
     for entry in entries:
         for mapper, found in entry['mappers'].items():
-            line = gathered.setdefault(_line_name(mapper, entry['poses']), {})
+            line = gathered.setdefault(names[mapper, entry['poses']], {})
             for key, value in found.items():
                 if value is not None:
                     line.setdefault(key, []).append(value)
@@ -184,8 +186,18 @@ BUILDING_COLUMNS = (
 )
 
 
-def _line_name(mapper: str, poses: str) -> str:
-    return f'{mapper}, joint poses' if poses == 'joint' else mapper
+def _line_names(entries: Iterable[Mapping[str, Any]]) -> dict[tuple[str, str], str]:
+    """Return the name of each line, by mapper and poses; it says where all are of 2 chains."""
+    chains: dict[tuple[str, str], set[int | None]] = {}
+    for entry in entries:
+        for mapper, found in entry['mappers'].items():
+            chains.setdefault((mapper, entry['poses']), set()).add(found.get('chains'))
+    return {
+        (mapper, poses): mapper
+        + (', joint poses' if poses == 'joint' else '')
+        + (', 2 chains' if numbers == {2} else '')
+        for (mapper, poses), numbers in chains.items()
+    }
 
 
 def _table(lines: Mapping[str, Mapping[str, float | None]], columns: Sequence[_Column]) -> str:

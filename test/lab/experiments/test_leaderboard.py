@@ -1,7 +1,9 @@
 """The leaderboard: which beams map and judge, one small contest, and the page."""
 
 import math
+import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -117,6 +119,24 @@ def test_the_page_has_a_line_for_each_mapper_and_marks_the_best() -> None:
     assert '- With joint poses only `two_assumption` and `sampled, border prior` are run.' in lines
 
 
+def test_lines_of_two_chains_in_all_columns_are_marked() -> None:
+    def of_chains(percent: int, poses: str, **chains: int) -> dict[str, object]:
+        found: Any = entry('intel', percent, poses, **dict.fromkeys(chains, 0.5))
+        for name, count in chains.items():
+            found['mappers'][name]['chains'] = count
+        return found
+
+    entries = [
+        of_chains(100, 'fixed', live=0, cells=2, border=2),
+        of_chains(5, 'fixed', live=0, cells=2, border=8),
+        of_chains(100, 'joint', border=2),
+    ]
+    every = {'names': ['intel'], 'percents': [100, 5]}
+    page = leaderboard_page({'version': '1', 'seed': 3, 'every': every, 'entries': entries})
+    names = [line.split(' | ')[0][2:] for line in page.splitlines() if line.startswith('| ')]
+    assert names[2:] == ['live', 'cells, 2 chains', 'border', 'border, joint poses, 2 chains']
+
+
 def test_the_page_of_a_quick_run_says_of_how_many_scans_it_is() -> None:
     every = {'names': ['building-1'], 'percents': [25], 'scans': 60}
     entries = [entry('building-1', 25, 'fixed', a=1.0)]
@@ -143,9 +163,9 @@ def test_the_page_in_the_docs_is_what_the_experiment_writes() -> None:
 
     assert told(page) == told(made)
     for mapper in mappers.MAPPERS:
-        assert f'\n| {mapper} |' in page
+        assert re.search(rf'\n\| {mapper}(, 2 chains)? \|', page)
     for mapper in mappers.WITH_JOINT_POSES:
-        assert f'\n| {mapper}, joint poses |' in page
+        assert re.search(rf'\n\| {mapper}, joint poses(, 2 chains)? \|', page)
 
 
 def test_a_log_of_particles_is_placed_where_the_best_came_to(
