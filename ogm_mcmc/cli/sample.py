@@ -41,7 +41,7 @@ from ogm_mcmc.config import (
 from ogm_mcmc.config.nodes import REFINE_CONFIGS, RefineSamplerConfig
 from ogm_mcmc.engine.joint_poses import PoseRefinement, choose_joint
 from ogm_mcmc.engine.odometry import said_odometry
-from ogm_mcmc.engine.progress import Progress
+from ogm_mcmc.engine.progress import Progress, each_of
 from ogm_mcmc.engine.recording import Recording
 from ogm_mcmc.engine.refinement import Refinement
 from ogm_mcmc.engine.signals import interruptible
@@ -367,13 +367,11 @@ def _text(result: dict[str, Any]) -> str:
         if 'deviation_m' in of:
             moved += f', now sure to {100.0 * of["deviation_m"]:.1f} cm'
     merged = f' ({result["rays_merged"]} merged with equal ones)' if result['rays_merged'] else ''
-    many = result['chains']
-    chains = f'each of {many} chains' if many != 1 else 'one chain'
     early = '' if result['counted'] else ' before the end of the burn-in: no posterior mean yet'
     return (
         f'{result["scans_used"]} of {result["scans"]} scans, {result["rays"]} rays{merged} -> '
         f'{result["files"]["yaml"]}: {result["cells"]} cells, {result["counted"]} sweeps counted '
-        f'of {chains}, {result["sweeps_per_s"]:.1f}/s, '
+        f'of {each_of(result["chains"])}, {result["sweeps_per_s"]:.1f}/s, '
         f'R-hat {r_hat} (99 %){agreeing}; '
         f'stopped: {result["reason"]}{early}{moved}' + (f'; dropped: {dropped}' if dropped else '')
     )

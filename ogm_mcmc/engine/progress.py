@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-__all__ = ['IndexSize', 'Progress']
+__all__ = ['IndexSize', 'Progress', 'each_of']
 
 
 class Progress(NamedTuple):
@@ -40,10 +40,15 @@ class Progress(NamedTuple):
         """Return a line for the log about a run that has ended, of so many scans."""
         agree = f', {100.0 * self.agreeing_share:.1f} % of the informed cells agree'
         return (
-            f'refined {scans} scans in {self.seconds:.1f} s: {self.chains} chain(s), '
-            f'{self.sweeps} sweeps, {self.counted} of them counted'
+            f'refined {scans} scans in {self.seconds:.1f} s: {self.sweeps} sweeps of '
+            f'{each_of(self.chains)}, {self.counted} of them counted'
             f'{agree if math.isfinite(self.r_hat_p99) else ""}'
         )
+
+
+def each_of(chains: int) -> str:
+    """Return whose sweeps are counted: `one chain`, or `each of 2 chains`."""
+    return 'one chain' if chains == 1 else f'each of {chains} chains'
 
 
 class IndexSize(NamedTuple):

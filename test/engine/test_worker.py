@@ -36,7 +36,7 @@ def test_the_last_map_is_what_the_core_samples(make):
     progress = worker.status.progress
     assert progress.sweeps == 40
     assert said[-1].startswith(
-        f'refined 6 scans in {progress.seconds:.1f} s: 2 chain(s), 40 sweeps'
+        f'refined 6 scans in {progress.seconds:.1f} s: 40 sweeps of each of 2 chains'
     )
     assert said[-1].endswith(' (sweeps)')
     assert f'{100.0 * progress.agreeing_share:.1f} % of the informed cells agree' in said[-1]
