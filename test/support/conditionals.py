@@ -9,7 +9,7 @@ from ogm_mcmc.sampling.gibbs_kernels import log_odds_unless_below
 
 def conditional_log_odds(cell, state, index, prior_log_odds):
     """Log-odds of a cell given all others, to the last ray."""
-    cells, records, _ = state
+    cells, records = state[:2]
     bits = records.view(np.float32)
     arrays = index.arrays()
     return log_odds_unless_below(
