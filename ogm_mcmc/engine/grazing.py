@@ -85,8 +85,7 @@ class Grazing(NamedTuple):
 
         Nothing counts where chance alone may have made it: where its interval begins at 0.
         """
-        sure = found.low_95 is not None and found.low_95 > 0.0
-        return cls(found, sharp * found.mean if sure else 0.0)
+        return cls(found, sharp * found.mean if _sure(found) else 0.0)
 
     @classmethod
     def of_dict(cls, values: Mapping[str, Any]) -> Grazing:
@@ -104,9 +103,15 @@ class Grazing(NamedTuple):
         if self.used == self.found.mean:
             return str(self.found)
         if self.used == 0.0:
-            return f'{self.found}, found but not counted, since its interval begins at 0'
+            begins = 'its interval begins at 0'
+            why = 'the index would be too large' if _sure(self.found) else begins
+            return f'{self.found}, found but not counted, since {why}'
         why = f'since sigma is above {SHARP_CELLS:g} cells'
         return f'{self.found}, of which {self.used:.4f} m counts, {why}'
+
+
+def _sure(found: Spread) -> bool:
+    return found.low_95 is not None and found.low_95 > 0.0
 
 
 def grazing_of(

@@ -49,6 +49,7 @@ from ogm_mcmc.engine.sensor_fit import (
     found_of_beams,
     may_stay,
     saved_beams,
+    without_grazing,
 )
 from ogm_mcmc.engine.warp import moved_cells
 from ogm_mcmc.engine.window_changes import WindowChange
@@ -108,12 +109,11 @@ class Refinement:
         Scans added since the last time extend the rays already indexed, those that went are taken
         out of them; where most went, or came in between, all are indexed anew, also when all scans
         together say that +inf means another thing, or when as many came as had told what the
-        sensor is like, and tell of another one. Chains begin at
-        `start`; without it they go on from where they are (a warm start; where scans were placed
-        anew chains begin anew there), and the first ones begin as the configuration says. Raises
-        WindowError when there is nothing to sample or too much, and GridError when `start` is of
-        another lattice. After an error everything is as before; where the index had changed
-        already nothing is taken any more, and the next take begins anew.
+        sensor is like, and tell of another one. Chains begin at `start`; without it they go on
+        from where they are (where scans were placed anew they begin anew there), and the first
+        ones begin as the configuration says. Raises WindowError when there is nothing to sample or
+        too much, and GridError when `start` is of another lattice. After an error all is as
+        before; where the index had changed already nothing is taken, and the next take begins.
         """
         if not scans:
             raise WindowError('no scan was recorded: expected at least one')
@@ -137,10 +137,17 @@ class Refinement:
                 if not grows:
                     self.model, self.sensor = model, sensor
             earlier = EarlierChains.of(self.sampler, self.window.spec, self.config.chain.prior)
-            on = self.sampler if grows else None
-            window, dropped = self._indexed(scans, change if grows else None)
+            on = self.sampler
+            try:
+                window, dropped = self._indexed(scans, change if grows else None)
+            except WindowError:  # scans are kept by what they take without grazing
+                plain = without_grazing(self.config.model, self.model, self.sensor)
+                if plain is None:
+                    raise
+                (self.model, self.sensor), grows = plain, False
+                window, dropped = self._indexed(scans, None)
             moved = None if change.extends else moved_cells(window.spec, self._taken, scans)
-            grown = None if on is None else Grown(on.model, on.states, old, dropped)
+            grown = Grown(on.model, on.states, old, dropped) if on and grows else None
             as_before = alike(self.model, held[1])
             if moved is not None and not as_before:
                 # Wrong poses told of a wrong sensor: no chain has been where it should be.

@@ -166,6 +166,20 @@ def fit_sensor(
     return model, SensorNumbers(clutter, missing if clears else None, spread, grazing)
 
 
+def without_grazing(
+    asked: ForwardModelConfig, model: ForwardModelConfig, sensor: SensorNumbers | None
+) -> tuple[ForwardModelConfig, SensorNumbers] | None:
+    """Return what was found as if none of its grazing counted; None where that is nothing else.
+
+    asked  the settings: grazing that somebody asked for stays
+    Rays that graze are likely along more cells, and the index is larger.
+    """
+    if asked.grazing >= 0.0 or model.grazing == 0.0 or sensor is None or sensor.grazing is None:
+        return None
+    grazing = sensor.grazing._replace(used=0.0)
+    return replace(model, grazing=0.0), sensor._replace(grazing=grazing)
+
+
 def _shares(seen: _Seen, cast: HeldRays, scans: Sequence[PlacedScan]) -> tuple[Share, Share]:
     """Return the shares of readings from anywhere and of lost returns."""
     confirmed = contrary = met_solid = lost = without = 0

@@ -20,7 +20,9 @@ from ogm_mcmc.engine.grazing import (
     grazing_of,
 )
 from ogm_mcmc.engine.range_spread import Spread
+from ogm_mcmc.engine.refinement import Refinement
 from ogm_mcmc.engine.sensor_fit import alike, fit_sensor
+from ogm_mcmc.errors import WindowError
 from ogm_mcmc.geometry import CellBox, PlacedScan, Pose2D
 
 CELL = 0.1
@@ -183,3 +185,26 @@ def test_models_are_alike_where_grazing_changes_by_less_than_matters():
     one = NodeModelConfig(sigma=0.03, grazing=0.02)
     assert alike(one, NodeModelConfig(sigma=0.031, grazing=0.021))
     assert not alike(one, NodeModelConfig(sigma=0.03, grazing=0.03))
+
+
+def test_grazing_that_would_make_the_index_too_large_does_not_count():
+    """Scans are kept by what they take without: what was kept can be sampled."""
+    scans = list(scans_beside(1.095))
+
+    def refinement(grazing, max_memory_mb=1.0):
+        window = WindowConfig(CELL, max_memory_mb=max_memory_mb)
+        model = NodeModelConfig(grazing=grazing)
+        return Refinement(SamplerConfig(model, window, ChainConfig(chains=1)))
+
+    roomy, narrow = refinement(-1.0, 10.0), refinement(-1.0)
+    roomy.take(scans)
+    assert roomy.model.grazing > 0.0
+    narrow.take(scans[:20])
+    assert narrow.model.grazing > 0.0
+    narrow.take(scans)
+    assert narrow.model.grazing == narrow.sensor.grazing.used == 0.0
+    assert 'not counted, since the index would be too large' in str(narrow.sensor)
+    assert narrow.size.n_rays == roomy.size.n_rays
+    asked = refinement(roomy.model.grazing)
+    with pytest.raises(WindowError, match='expected at most max_memory_mb = 1'):
+        asked.take(scans)
