@@ -19,7 +19,26 @@ def main() -> None:
         code = run()
     except KeyboardInterrupt:
         code = 130
+    except Exception as error:
+        left = _left_by(error)
+        if left is None:
+            raise
+        code = left
     sys.exit(code)
+
+
+def _left_by(error: BaseException | None) -> int | None:
+    """Return the exit code of a signal that became another error; None of an error by itself.
+
+    While a class is made Python 3.11 tells what is raised as a RuntimeError of that cause.
+    """
+    while error is not None:
+        if isinstance(error, KeyboardInterrupt):
+            return 130
+        if isinstance(error, SystemExit):
+            return 143
+        error = error.__cause__
+    return None
 
 
 def _open_closed_streams() -> None:

@@ -137,17 +137,17 @@ class Refinement:
                 if not grows:
                     self.model, self.sensor = model, sensor
             earlier = EarlierChains.of(self.sampler, self.window.spec, self.config.chain.prior)
-            on = self.sampler
+            on = self.sampler if grows else None
             try:
                 window, dropped = self._indexed(scans, change if grows else None)
             except WindowError:  # scans are kept by what they take without grazing
                 plain = without_grazing(self.config.model, self.model, self.sensor)
                 if plain is None:
                     raise
-                (self.model, self.sensor), grows = plain, False
+                (self.model, self.sensor), on = plain, None
                 window, dropped = self._indexed(scans, None)
             moved = None if change.extends else moved_cells(window.spec, self._taken, scans)
-            grown = Grown(on.model, on.states, old, dropped) if on and grows else None
+            grown = None if on is None else Grown(on.model, on.states, old, dropped)
             as_before = alike(self.model, held[1])
             if moved is not None and not as_before:
                 # Wrong poses told of a wrong sensor: no chain has been where it should be.

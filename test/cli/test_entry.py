@@ -10,6 +10,8 @@ import sys
 
 import pytest
 
+from ogm_mcmc.cli import entry, main
+
 CALLBACK = """
 import ctypes, os, sys, time
 from ogm_mcmc.cli import entry, main
@@ -67,3 +69,29 @@ def test_closed_streams_are_not_taken_by_files(tmp_path):
     done = subprocess.run(['sh', '-c', shell, sys.executable, CLOSED], timeout=60)
     assert done.returncode == 0
     assert int((tmp_path / 'own').read_text()) > 2
+
+
+@pytest.mark.parametrize(
+    ('stop', 'code'), [(KeyboardInterrupt(), 130), (SystemExit(143), 143), (ValueError(), None)]
+)
+def test_a_stop_while_a_class_is_made_is_quiet(monkeypatch, stop, code):
+    """Python 3.11 tells what `__set_name__` raises as a RuntimeError of that cause."""
+
+    class Field:
+        def __set_name__(self, owner, name):
+            raise stop
+
+    def run(argv=None):
+        type('Settings', (), {'field': Field()})
+        return 0
+
+    monkeypatch.setattr(main, 'run', run)
+    monkeypatch.setattr(entry, 'leave_on_signals', lambda: None)
+    monkeypatch.setattr(sys, 'unraisablehook', sys.unraisablehook)
+    if code is None:
+        with pytest.raises((RuntimeError, ValueError)):
+            entry.main()
+    else:
+        with pytest.raises(SystemExit) as left:
+            entry.main()
+        assert left.value.code == code
