@@ -33,7 +33,7 @@ __all__ = ['arrival', 'known_cells', 'near']
 
 FREE_BELOW = 0.5
 
-# Of so many chains wait for the answer: each half in a thread of its own.
+# From so many rays on each half is followed in a thread of its own: chains wait for the answer.
 MANY_RAYS = 10_000
 
 

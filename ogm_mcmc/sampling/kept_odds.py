@@ -35,7 +35,7 @@ With nothing else running the last row is .63 to .65 and .81 to .94 (two program
 
 The goal of .4 is not met. Of 12 ms (cut) 3 to 3.5 are for one look at each cell, 2.5 for summing
 up 13 000 cells, 3 for what lies behind their 17 500 first hits, 3 for flips and what rays tell.
-Few numbers are read, but from all over: it is waiting for memory, which is as busy as the machine.
+Few numbers are read, but from all over, so it probably waits for memory; that was not measured.
 Tried without gain: asking for rays of the next 32 cells ahead (`llvm.prefetch`): 3 ms to ask, 3
 less afterwards. Kept are 16 bytes a cell and chain, and 4 bytes a place of a ray, for models that
 are level nowhere only.

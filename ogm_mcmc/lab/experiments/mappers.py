@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import ctypes
 import gc
 import time
 from collections.abc import Callable, Sequence
@@ -20,7 +18,7 @@ from ogm_mcmc.engine.live_map import map_of
 from ogm_mcmc.engine.refinement import Refinement
 from ogm_mcmc.engine.warm_up import warm_up_sampling
 from ogm_mcmc.geometry import GridMap, PlacedScan
-from ogm_mcmc.lab.memory import PROC, memory_mb
+from ogm_mcmc.lab.memory import PROC, give_back_free_memory, memory_mb
 
 __all__ = [
     'FOR_EXACT_POSES',
@@ -76,7 +74,7 @@ class Resources:
 
     def __init__(self) -> None:
         gc.collect()
-        _give_back_free_memory()
+        give_back_free_memory()
         try:
             (PROC / 'clear_refs').write_text('5', encoding='ascii')
             self._before_mb = memory_mb('VmRSS')
@@ -91,12 +89,6 @@ class Resources:
         if self._before_mb is None or most_mb is None:
             return Used(seconds, None)
         return Used(seconds, round(most_mb - self._before_mb, 1))
-
-
-def _give_back_free_memory() -> None:
-    """Let malloc keep nothing that is free: what came from there next would not be seen."""
-    with contextlib.suppress(OSError, AttributeError):  # only glibc has it
-        ctypes.CDLL(None).malloc_trim(0)
 
 
 def _method(config: MapperConfig) -> Mapper:
