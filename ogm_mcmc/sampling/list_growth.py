@@ -26,8 +26,11 @@ def grown(array: AnyArray, size: int) -> AnyArray:
 
 
 def sums(counts: AnyArray) -> AnyArray:
-    """Return where lists of so many entries end; WindowError for more than an index can hold."""
-    ends: AnyArray = np.cumsum(counts)
+    """Return where lists of so many entries end, in place of `counts`.
+
+    Raises WindowError for more than an index can hold.
+    """
+    ends: AnyArray = np.cumsum(counts, out=counts)
     if ends.size and ends[-1] > MOST_PAIRS:
         raise WindowError(f'{ends[-1]} pairs of a ray and a cell: expected at most {MOST_PAIRS}')
     return ends

@@ -39,6 +39,9 @@ FULL_FROM = 1.0
 
 MOST_RAYS = 2**29
 
+# Sums in float64 take eight bytes a list.
+GAINS_AT_ONCE = 8192
+
 Blocks = Callable[[], Iterator[BeamRays]]
 
 
@@ -81,17 +84,7 @@ def extended(
     grid[PAIRS] = index.grid[PAIRS]
     rays = grown(_moved_rays(index.rays, old, new), n_old + n_more)
     counts = np.zeros(n_cells, np.int32)
-    at = n_old
-    begins: list[int] = []
-    counted: list[tuple[AnyArray, AnyArray]] = []
-    for part in parts:
-        begins.append(at)
-        earlier = np.flatnonzero(counts).astype(np.int32) if counted else np.empty(0, np.int32)
-        counted.append((earlier, counts[earlier]))
-        for block in part():
-            n = block.length.size
-            lay_rays(block, model, new.resolution_m, new.width, rays[at : at + n], counts)
-            at += n
+    begins, counted = _lay_parts(parts, n_old, rays, counts, new, model)
     listed = counts > 0
     listed[old_cells] = True
     marks = marks_of(listed)
@@ -106,24 +99,21 @@ def extended(
     lists[1:, NEAR] = sums(more)
     del more
     next_near = next_places(before, where_old, lists[:, NEAR])
+    following = _following(next_near, cells, counted)
+    n_lists = cells.size
+    del next_near, counted, cells
     near = grown(index.near, int(lists[-1, NEAR]))
     if where_old.size:
         spread(before, where_old, lists[:, NEAR].astype(np.int64), near)
-    gain = _at(index.gain, where_old, cells.size)
+    gain = _at(index.gain, where_old, n_lists)
     telling = grown(index.telling, n_old + n_more)
-    following = [next_near]
-    for earlier, n_earlier in counted[1:]:
-        later = next_near.copy()
-        later[np.searchsorted(cells, earlier)] += n_earlier
-        following.append(later)
-    del next_near, counted
     filed = index._replace(
         rays=rays, marks=marks, lists=lists, gain=gain, near=near, telling=telling, grid=grid
     )
     _file_parts(filed, parts, begins, following, new, model)
     del following
     _with_more_said(filed, added, new, model)
-    full = _at(index.full, where_old, cells.size)
+    full = _at(index.full, where_old, n_lists)
     becoming = np.flatnonzero((gain > FULL_FROM) & (full == 0))
     full[becoming] = 1
     kept = filed._replace(
@@ -132,7 +122,49 @@ def extended(
         crossed=_moved_bits(index, old, new),
     )  # fmt: skip
     before = index.lists[:, FRONT].astype(np.int64)
-    return with_fronts(kept, n_old, before, where_old, becoming, cells)
+    return with_fronts(kept, n_old, before, where_old, becoming)
+
+
+def _lay_parts(
+    parts: Sequence[Blocks],
+    n_old: int,
+    rays: AnyArray,
+    counts: AnyArray,
+    spec: GridSpec,
+    model: ForwardModel,
+) -> tuple[list[int], list[tuple[AnyArray, AnyArray]]]:
+    """Fill `rays` from number `n_old` on, and count in `counts` (K,) int32 their near cells.
+
+    Returns of each part its first number, and cells that rays of those before it are near to and
+    how many are.
+    """
+    at = n_old
+    begins: list[int] = []
+    counted: list[tuple[AnyArray, AnyArray]] = []
+    for part in parts:
+        begins.append(at)
+        earlier = np.flatnonzero(counts).astype(np.int32) if counted else np.empty(0, np.int32)
+        counted.append((earlier, counts[earlier]))
+        for block in part():
+            n = block.length.size
+            lay_rays(block, model, spec.resolution_m, spec.width, rays[at : at + n], counts)
+            at += n
+    return begins, counted
+
+
+def _following(
+    first: AnyArray, cells: AnyArray, counted: Sequence[tuple[AnyArray, AnyArray]]
+) -> list[AnyArray]:
+    """Return where the next entry of each list goes, of each part; takes over `first`, (S,) int32.
+
+    cells (S,): of the lists; counted: as `_lay_parts` tells it
+    """
+    following = [first]
+    for earlier, n_earlier in counted[1:]:
+        later = first.copy()
+        later[np.searchsorted(cells, earlier)] += n_earlier
+        following.append(later)
+    return following
 
 
 def _file_parts(
@@ -160,10 +192,12 @@ def _file_parts(
     gains = [index.gain, *(np.zeros_like(index.gain) for _ in parts[1:])]
     side_by_side(one, list(enumerate(gains)))
     for more in gains[1:]:
-        exact = index.gain + more.astype(np.float64)
-        index.gain[:] = exact
-        # A bound must not be rounded down.
-        np.nextafter(index.gain, np.float32(np.inf), out=index.gain, where=index.gain < exact)
+        for at in range(0, more.size, GAINS_AT_ONCE):
+            gain, added = index.gain[at : at + GAINS_AT_ONCE], more[at : at + GAINS_AT_ONCE]
+            exact = gain + added.astype(np.float64)
+            gain[:] = exact
+            # A bound must not be rounded down.
+            np.nextafter(gain, np.float32(np.inf), out=gain, where=gain < exact)
 
 
 def _with_more_said(
@@ -208,7 +242,7 @@ def assembled(
         crossed=np.zeros((n_cells + 7) // 8, np.uint8),
     )  # fmt: skip
     none = np.empty(0, np.int64)
-    return with_fronts(index, 0, np.zeros(1, np.int64), none, none, cells)
+    return with_fronts(index, 0, np.zeros(1, np.int64), none, none)
 
 
 def _grid(spec: GridSpec) -> AnyArray:

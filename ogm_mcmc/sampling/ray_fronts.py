@@ -32,17 +32,17 @@ def with_fronts(
     before: AnyArray,
     where_old: AnyArray,
     becoming: AnyArray,
-    cells: AnyArray,
 ) -> RayIndex:
     """Enter the rays from `n_old` on where they are level: in tiles and in full lists.
 
     before, where_old  where the front rays of lists began, and what number these have now
-    becoming           lists that are full from now on; cells (S,) of all lists
+    becoming           lists that are full from now on
     """
     rays, marks, grid, full = index.rays, index.marks, index.grid, index.full
     runs, run_lengths, front, tiles = index.runs, index.run_lengths, index.front, index.tiles
-    places = cells[becoming].astype(np.int64)
-    walks = _walks(index, n_old, cells.size)
+    places = index.listed()[becoming].astype(np.int64)
+    n_lists = full.size
+    walks = _walks(index, n_old, n_lists)
     nothing = np.empty(0, np.int32)
     old_tiles = tiles, runs, run_lengths
     fill_fronts(becoming, places, n_old, *old_tiles, rays, grid, walks[0].n_front, nothing)
@@ -57,7 +57,9 @@ def with_fronts(
     for walk in walks:
         grid[PAIRS] += walk.pairs[0]
         index.crossed[:] |= walk.crossed
-    more = sum((walk.n_front for walk in walks), np.zeros(cells.size, np.int64))
+    more = np.zeros(n_lists, np.int64)
+    for walk in walks:
+        more += walk.n_front
     more[where_old] += np.diff(before)
     index.lists[1:, FRONT] = sums(more)
     del more

@@ -2,6 +2,7 @@
 
 import itertools
 import math
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -212,6 +213,18 @@ def test_two_threads_enter_the_same_as_one(monkeypatch):
         )
         assert (index.gain >= whole.gain * (1.0 - 1e-6)).all()
         assert index.gain == approx(whole.gain, rel=1e-5)
+
+
+def test_what_is_held_beside_lists_while_they_are_filled(monkeypatch):
+    """Where entries of two threads go, what they add, and sums: no more than 32 bytes a list."""
+    monkeypatch.setattr('ogm_mcmc.sampling.ray_fronts.SHARED_FROM', 8)
+    placed = walk(20, seed=3, beams=60, spread=3.0)
+    window_of(placed, resolution=0.05)  # what kernels take to be loaded does not count
+    tracemalloc.start()
+    index = window_of(placed, resolution=0.05).index
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak - index.n_bytes < 32 * index.gain.size
 
 
 def test_adding_nothing_changes_nothing():
