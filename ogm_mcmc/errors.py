@@ -21,6 +21,7 @@ __all__ = [
     'PriorError',
     'ScanError',
     'WindowError',
+    'WindowFullError',
     'is_plain_name',
     'listed',
     'require',
@@ -72,6 +73,10 @@ class PointsError(OgmError, ValueError):
 
 class WindowError(OgmError, ValueError):
     """A window of scans that cannot be sampled: nothing in it, or more than memory allows."""
+
+
+class WindowFullError(WindowError):
+    """A window whose index would be larger than its limit: fewer scans may do."""
 
 
 class PriorError(OgmError, ValueError):

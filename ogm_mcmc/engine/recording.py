@@ -19,10 +19,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ogm_mcmc.config import RecordingConfig, SamplerConfig
+from ogm_mcmc.config import ForwardModelConfig, RecordingConfig, SamplerConfig
 from ogm_mcmc.engine.coverage import Coverage
 from ogm_mcmc.engine.no_returns import NoReturnChoice
 from ogm_mcmc.engine.recent import Recent
+from ogm_mcmc.engine.sensor_fit import alike
 from ogm_mcmc.errors import GridError
 from ogm_mcmc.geometry import CellBox, PlacedScan, Pose2D, Scan, wrap_angle
 from ogm_mcmc.sampling import RayWindow, WindowSize
@@ -85,7 +86,7 @@ class Recording:
             # With auto, beams without a return may come to count: so they do for the limits.
             asked = sampler.window.no_return
             self._window = _measuring(sampler, 'clear' if asked == 'auto' else asked)
-        self._sampler = sampler
+        self._sampler = sampler  # with the model of the beams that was found last
         self._no_return = '' if self._window is None else self._window.config.no_return
         self._scans: deque[_Kept] = deque()
         self._last: Recent[Pose2D] = Recent()  # where each sensor was when its last scan came in
@@ -94,19 +95,31 @@ class Recording:
         """Return the number of scans."""
         return len(self._scans)
 
-    def understand(self, no_return: NoReturnChoice | None) -> None:
+    @property
+    def model(self) -> ForwardModelConfig | None:
+        """What beams are like that memory is counted for, None without a sampler."""
+        return None if self._sampler is None else self._sampler.model
+
+    def understand(
+        self, no_return: NoReturnChoice | None, model: ForwardModelConfig | None = None
+    ) -> None:
         """Count rays as they are indexed, where a sampler found what no return means; None: not.
 
-        Beams that it ignores need no memory. Where it was not sure they may come to count. Scans
-        beyond the limits by that go at once.
+        Beams that it ignores need no memory. Where it was not sure they may come to count. Beams
+        that err more, as a `model` that was found says, are likely along more cells. Scans beyond
+        the limits by that go at once.
         """
-        if self._sampler is None or no_return is None:
+        if self._sampler is None:
             return
-        sure = no_return.asked != 'auto' or no_return.found.doubtful
-        value = no_return.value if sure else 'clear'
-        if value == self._no_return:
+        value, before = self._no_return, self._sampler.model
+        if no_return is not None:
+            sure = no_return.asked != 'auto' or no_return.found.doubtful
+            value = no_return.value if sure else 'clear'
+        found = before if model is None or alike(model, before) else model
+        if value == self._no_return and found is before:
             return
-        self._no_return, self._window = value, _measuring(self._sampler, value)
+        self._no_return, self._sampler = value, replace(self._sampler, model=found)
+        self._window = _measuring(self._sampler, value)
         self._keep([_Kept(old.placement, self._size_of(old.placement)) for old in self._scans], '')
         self._obey_limits()
 
@@ -173,10 +186,7 @@ class Recording:
 
     def _obey_limits(self) -> None:
         while len(self._scans) > 1 and self._beyond_limits():
-            if self.config.window.keep == 'coverage':
-                self._thin()
-            else:
-                self._let_oldest_go('older')
+            self._make_room()
 
     def _beyond_limits(self) -> bool:
         config = self.config
@@ -213,6 +223,29 @@ class Recording:
         if _on_border(gone.size.box, box):
             box = _box_around(self._scans)
         self.size = self.size.without(gone.size, box)
+
+    def fewer(
+        self,
+        scans: Sequence[PlacedScan],
+        no_return: NoReturnChoice | None,
+        model: ForwardModelConfig | None,
+    ) -> list[PlacedScan]:
+        """Keep fewer of these scans, those kept wherever they are now; return them.
+
+        For whom the window of what was found, see `understand`, has no room: a tenth goes at
+        least, but for a last one.
+        """
+        self.replace(scans)
+        self.understand(no_return, model)
+        while len(self) > max(1.0, THINNED_TO * len(scans)):
+            self._make_room()
+        return self.snapshot()
+
+    def _make_room(self) -> None:
+        if self.config.window.keep == 'coverage':
+            self._thin()
+        else:
+            self._let_oldest_go('older')
 
     def _thin(self) -> None:
         """Make room for a tenth of the window."""
@@ -303,6 +336,9 @@ class Recording:
             why = f'{share} of {coverage.cell_m:g} m and heading of {coverage.cell_rad:.2g} rad'
         elif keep == 'latest' and self.let_go['older']:
             why = 'the latest'
+        beams, model = 'nothing', self.model
+        if model is not None:
+            beams = f'sigma {model.sigma_m:.3g} m, grazing {model.grazing_m:.3g} m'
         return {
             'scans recorded': len(self),
             'beams recorded': self.n_rays,
@@ -310,6 +346,7 @@ class Recording:
             'scans let go': self.let_go.total(),
             **{f'let go: {key}': count for key, count in sorted(self.let_go.items())},
             'memory of a window at most (MB)': f'{self.size.n_bytes / 1e6:.1f}',
+            'memory of a window is counted for': beams,
         }
 
     def clear(self) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from ogm_mcmc.arrays import Float64Array
+from ogm_mcmc.config import ForwardModelConfig
 from ogm_mcmc.engine.collision import collision_risk
 from ogm_mcmc.engine.joint_poses import RefinedTrajectory
 from ogm_mcmc.engine.no_returns import NoReturnChoice
@@ -63,18 +64,26 @@ class WorkerStatus(NamedTuple):
     """What the worker does, how far it is, why it stopped, and what went wrong last.
 
     `chain_sweeps`: of the chains that are here, whatever scans they saw; a new order goes on from
-    them, also one that comes while an index is built.
+    them, also one that comes while an index is built. `left_out`: scans of the order that the
+    index had no room for; `model`: of beams, as they were found last.
     """
 
     state: str = 'idle'  # idle, refining poses, indexing, sampling
     scans: int = 0
+    left_out: int = 0
     rays: int = 0
     merged: int = 0  # of these rays, with others that they run along with
     n_bytes: int = 0
     progress: Progress | None = None
     sensor: SensorNumbers | None = None
     no_return: NoReturnChoice | None = None
+    model: ForwardModelConfig | None = None
     poses: TrajectoryProgress | None = None
     stopped: str = ''
     error: str = ''
     chain_sweeps: int = 0
+
+    @property
+    def understood(self) -> tuple[NoReturnChoice | None, ForwardModelConfig | None]:
+        """What was found of beams, for `Recording.understand`."""
+        return self.no_return, self.model

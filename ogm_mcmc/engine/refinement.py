@@ -37,6 +37,7 @@ from ogm_mcmc.engine.recording import fingerprint
 from ogm_mcmc.engine.sampling_rounds import SamplingRounds
 from ogm_mcmc.engine.saved_chains import (
     FINGERPRINT,
+    FOUND,
     load_chains,
     require_saved,
     save_chains,
@@ -53,7 +54,7 @@ from ogm_mcmc.engine.sensor_fit import (
 )
 from ogm_mcmc.engine.warp import moved_cells
 from ogm_mcmc.engine.window_changes import WindowChange
-from ogm_mcmc.errors import WindowError
+from ogm_mcmc.errors import WindowError, WindowFullError
 from ogm_mcmc.files.output_files import replacing
 from ogm_mcmc.geometry import GridMap, PlacedScan
 from ogm_mcmc.sampling import ChainQuality, PosteriorModel, PosteriorSampler, RayWindow
@@ -68,9 +69,6 @@ __all__ = ['Refinement']
 # So many sweeps at most, enough to see what moves, where at most a tenth of the scans are new,
 # be they placed anew or not: a map that is right soon matters more then.
 WARM_BURN_IN = 16
-
-# The setting of a saved state that holds what was found of the beams.
-FOUND = 'found'
 
 
 class Refinement:
@@ -89,6 +87,7 @@ class Refinement:
         self.no_return = NoReturnChoice.of(config.window.no_return, NoReturns(0, 0))
         self.no_return_found = self.no_return  # in the last scans, even if these were refused
         self.model = config.model  # of the beams, fitted where that is wanted
+        self.model_found = self.model  # in the last scans, even if these were refused
         self.sensor: SensorNumbers | None = None
         self._told = 0  # how many scans told of the sensor
         self._came = 0  # how many came in since
@@ -103,7 +102,9 @@ class Refinement:
 
     # -- scans in ---------------------------------------------------------------------------
 
-    def take(self, scans: Sequence[PlacedScan], start: GridMap | None = None) -> int:
+    def take(
+        self, scans: Sequence[PlacedScan], start: GridMap | None = None, whole: bool = False
+    ) -> int:
         """Use these scans from now on; return the number of rays.
 
         Scans added since the last time extend the rays already indexed, those that went are taken
@@ -111,9 +112,10 @@ class Refinement:
         together say that +inf means another thing, or when as many came as had told what the
         sensor is like, and tell of another one. Chains begin at `start`; without it they go on
         from where they are (where scans were placed anew they begin anew there), and the first
-        ones begin as the configuration says. Raises WindowError when there is nothing to sample or
-        too much, and GridError when `start` is of another lattice. After an error all is as
-        before; where the index had changed already nothing is taken, and the next take begins.
+        ones begin as the configuration says. Raises WindowError when there is nothing to sample,
+        WindowFullError when it is too much (also without grazing that was found, unless `whole`),
+        GridError when `start` is of another lattice. After an error all is as before; where the
+        index had changed already nothing is taken, and the next take begins.
         """
         if not scans:
             raise WindowError('no scan was recorded: expected at least one')
@@ -136,13 +138,14 @@ class Refinement:
                 grows = grows and may_stay(self.model, model)
                 if not grows:
                     self.model, self.sensor = model, sensor
+            self.model_found = self.model
             earlier = EarlierChains.of(self.sampler, self.window.spec, self.config.chain.prior)
             on = self.sampler if grows else None
             try:
                 window, dropped = self._indexed(scans, change if grows else None)
-            except WindowError:  # scans are kept by what they take without grazing
+            except WindowFullError:
                 plain = without_grazing(self.config.model, self.model, self.sensor)
-                if plain is None:
+                if plain is None or whole:
                     raise
                 (self.model, self.sensor), on = plain, None
                 window, dropped = self._indexed(scans, None)
@@ -342,9 +345,6 @@ class Refinement:
         The mean of draws, with the live map as one more, the share of beams that cells reflected
         with its weight, `chain.reflecting`, and at least what that share is of many beams, both
         as far as readings are of the cells that they end in (`blur_of`).
-        `of` draws of the burn-in as of those that count: few draws are completed best, Intel,
-        every second beam mapped, nats a held-out beam, draws alone and completed: .915, 1.258
-        after one sweep, .973, 1.281 after four, 1.000, 1.286 after seven; the live map .912.
         """
         of = of or self._sampled().estimate()
         live, reflection = self._beside()

@@ -21,10 +21,20 @@ from ogm_mcmc.sampling import PosteriorModel, PosteriorSampler
 from ogm_mcmc.sampling.diagnostics import BatchCounts
 from ogm_mcmc.sampling.gibbs_kernels import PARTS
 
-__all__ = ['FINGERPRINT', 'load_chains', 'require_saved', 'save_chains', 'saved_settings']
+__all__ = [
+    'FINGERPRINT',
+    'FOUND',
+    'load_chains',
+    'require_saved',
+    'save_chains',
+    'saved_settings',
+]
 
 # Among the settings, that of the scans: the first of them.
 FINGERPRINT = 'fingerprint'
+
+# The setting that holds what was found of the beams.
+FOUND = 'found'
 
 # Of 1 sweeps were counted, not parts of them; up to 2 where chains look most followed from counts;
 # up to 3 it was decided later, and a burn-in never ended early; up to 4 nothing was said of

@@ -22,9 +22,10 @@ from ogm_mcmc.engine.joint_poses import KeptPoses
 from ogm_mcmc.engine.kept_samples import MOST_SAMPLES, KeptSamples
 from ogm_mcmc.engine.odometry import OdometryAt, said_odometry
 from ogm_mcmc.engine.progress import Progress
+from ogm_mcmc.engine.recording import Recording
 from ogm_mcmc.engine.refined_map import RefinedMap, WorkerStatus
 from ogm_mcmc.engine.refinement import Refinement
-from ogm_mcmc.errors import OgmError, WindowError
+from ogm_mcmc.errors import OgmError, WindowError, WindowFullError
 from ogm_mcmc.geometry import PlacedScan
 
 __all__ = ['RefineWorker']
@@ -44,10 +45,11 @@ LEAVE_INDEXING_S = 1.0
 
 
 class _Order(NamedTuple):
-    """Scans to sample, and when to stop."""
+    """Scans to sample, and when to stop; what chooses among them where there is no room."""
 
     scans: Sequence[PlacedScan]
     stop: StopConfig
+    kept: Recording | None = None
 
 
 class RefineWorker:
@@ -99,9 +101,15 @@ class RefineWorker:
 
     # -- the node's side --------------------------------------------------------------------
 
-    def refine(self, scans: Sequence[PlacedScan], stop: StopConfig) -> bool:
-        """Sample these scans; return whether something else is stopped for it."""
-        return self._leave(_Order(scans, stop), 'refined again')
+    def refine(
+        self, scans: Sequence[PlacedScan], stop: StopConfig, kept: Recording | None = None
+    ) -> bool:
+        """Sample these scans; return whether something else is stopped for it.
+
+        Of their recording, `kept`, a copy lets scans go where an index of all has no room.
+        """
+        copy = None if kept is None else kept.copy()
+        return self._leave(_Order(scans, stop, copy), 'refined again')
 
     def stop(self) -> bool:
         """End sampling, with a last map; return whether there was any."""
@@ -202,8 +210,9 @@ class RefineWorker:
 
     def _failed(self, text: str) -> None:
         self.warn(f'not refined: {text}')
-        # The next window may be chosen by what no return was found to mean.
-        self.status = self.status._replace(no_return=self._refinement.no_return_found)
+        # The next window may be chosen by what was found of beams.
+        found = self._refinement.no_return_found, self._refinement.model_found
+        self.status = self.status._replace(no_return=found[0], model=found[1])
         self.status = self.status._replace(state='idle', stopped='error', error=text)
 
     def _sample(self, order: _Order) -> None:
@@ -219,14 +228,19 @@ class RefineWorker:
             stop = replace(stop, max_time=max(left, LEAST_S))
         self.status = self.status._replace(state='indexing')
         refinement = self._refinement
-        self._take(scans)
+        order = order._replace(scans=self._take_kept(scans, order.kept))
+        left_out = len(scans) - len(order.scans)
         assert refinement.sampler is not None
         self.status = self.status._replace(
             state='sampling',
+            scans=len(order.scans),
+            left_out=left_out,
             rays=refinement.size.n_rays,
             merged=refinement.size.n_merged,
             sensor=refinement.sensor,
             no_return=refinement.no_return,
+            # Who keeps scans lets the same go.
+            model=order.kept.model if left_out and order.kept else refinement.model_found,
             n_bytes=refinement.size.n_bytes + refinement.sampler.n_bytes,
             chain_sweeps=self._sweeps(),
         )
@@ -273,14 +287,38 @@ class RefineWorker:
                 self.log(said)
         return poses.placed
 
-    def _take(self, scans: Sequence[PlacedScan]) -> None:
+    def _take_kept(
+        self, scans: Sequence[PlacedScan], kept: Recording | None
+    ) -> Sequence[PlacedScan]:
+        """Take scans, or those of them that an index has room for; return these.
+
+        They are kept by what beams were found to be like before: these may err more.
+        """
+        if kept is None:
+            self._take(scans)
+            return scans
+        found, asked = self._refinement, len(scans)
+        while True:
+            try:
+                self._take(scans, whole=True)
+                break
+            except WindowFullError:
+                fewer = kept.fewer(scans, found.no_return_found, found.model_found)
+                if len(fewer) == len(scans):
+                    raise
+                scans = fewer
+        if len(scans) < asked:
+            self.warn(f'{len(scans)} of {asked} scans sampled: window.max_memory_mb is too small')
+        return scans
+
+    def _take(self, scans: Sequence[PlacedScan], *, whole: bool = False) -> None:
         refinement = self._refinement
         if refinement.holds(scans):
             return  # the chains go on and what they counted stays
         fresh = refinement.sampler is None
         # No name is given to the sampler: its index may have to go before there is another one.
         earlier_sweeps = 0 if refinement.sampler is None else refinement.sampler.sweeps
-        refinement.take(scans)
+        refinement.take(scans, whole=whole)
         # The share of beams in the text is another one with every scan.
         choice = refinement.no_return
         decided = choice.asked, choice.value

@@ -94,6 +94,7 @@ def status_values(status: WorkerStatus, no_return: str) -> dict[str, object]:
         'state': status.state,
         'scans sampled': status.scans,
         'rays': status.rays,
+        'scans left out of the index': status.left_out,
         'rays merged with equal ones': status.merged,
         'memory (MB)': f'{status.n_bytes / 1e6:.1f}',
         **progress_values(status.progress),

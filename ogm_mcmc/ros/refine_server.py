@@ -202,7 +202,7 @@ class RefineServer(ManagedNode):
         if self.worker.wanted and left > 0.0:
             self._corrected_at = now
             stop = replace(self._sampled_until, max_time=left)
-            self.worker.refine(self.scans_now(), stop)
+            self.worker.refine(self.scans_now(), stop, self.recording)
 
     def scans_now(self) -> list[PlacedScan]:
         """Return the recorded scans, without codes that were found since they came."""
@@ -236,7 +236,7 @@ class RefineServer(ManagedNode):
     def publish_diagnostics(self) -> None:
         """Say how it goes: what was recorded, how far sampling is, why it stopped."""
         status, recording, result = self.worker.status, self.recording, self.worker.result
-        recording.understand(status.no_return)
+        recording.understand(*status.understood)
         values = {
             **self.intake.values(),
             **recording.values(),
@@ -272,7 +272,7 @@ class RefineServer(ManagedNode):
 
     def on_refine(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Sample what is recorded now; the answer does not wait for anything."""
-        self.recording.understand(self.worker.status.no_return)
+        self.recording.understand(*self.worker.status.understood)
         refusal = self._refusal()
         response.success, response.message = not refusal, refusal or self._sample()
         return response
@@ -303,7 +303,7 @@ class RefineServer(ManagedNode):
         )
         self._sampled_until, self._outdated = self.stop, False
         self._until = time.monotonic() + self.stop.max_time
-        replaced = self.worker.refine(scans, self.stop)
+        replaced = self.worker.refine(scans, self.stop, self.recording)
         text += ', instead of those before' if replaced else ''
         return text + (f'; the last one {last}' if last else '')
 

@@ -119,7 +119,9 @@ def with_one_more_draw(mean: GridMap, guess: GridMap, draws: int) -> GridMap:
     Cells that are the same in all n draws may be occupied in one of a hundred n or in none: the
     guess orders what they tie. It moves nothing by more than 1 / (n + 1). Demo office, one of 20
     beams: ROC area 0.982 without, 0.996 with the live map as guess (which has 0.994 by itself);
-    F1, Brier score and calibration error are the same to three digits.
+    F1, Brier score and calibration error are the same to three digits. Few draws gain most: Intel,
+    every second beam mapped, nats a held-out beam, draws alone and with it: .915, 1.258 after one
+    sweep, .973, 1.281 after four, 1.000, 1.286 after seven; the live map .912.
     """
     bounded = np.clip(guess.probability, SURELY_FREE, SURELY_OCCUPIED)
     return with_share_of(mean, GridMap(mean.spec, bounded), 1.0 / (draws + 1))

@@ -10,7 +10,7 @@ import numpy as np
 
 from ogm_mcmc.arrays import AnyArray, BoolArray
 from ogm_mcmc.config import ForwardModelConfig, WindowConfig
-from ogm_mcmc.errors import WindowError, require
+from ogm_mcmc.errors import WindowFullError, require
 from ogm_mcmc.geometry import CellBox, GridSpec, PlacedScan
 from ogm_mcmc.sampling.beam_rays import (
     BeamRays,
@@ -100,9 +100,9 @@ class RayWindow:
     ) -> int:
         """Add scans, each at the mean of its belief; return the number of beams.
 
-        Raises GridError for a ray that is too long, WindowError when the memory limit would be
-        passed; nothing has changed then. `make_room` is called when neither is so, before memory
-        is taken.
+        Raises GridError for a ray that is too long, WindowFullError when the memory limit would
+        be passed; nothing has changed then. `make_room` is called when neither is so, before
+        memory is taken.
         """
         new, stands = list(placed), Stands()
         scans = new
@@ -230,7 +230,7 @@ class RayWindow:
 
     def _check_memory(self, size: WindowSize) -> None:
         if size.n_bytes > self.most_bytes:
-            raise WindowError(
+            raise WindowFullError(
                 f'{size.rays} rays need {size.n_bytes / 1e6:.0f} MB: expected at most '
                 f'max_memory_mb = {self.config.max_memory_mb:g}; use fewer scans, a larger '
                 'beam_stride, resolution or cut_sigma'

@@ -120,10 +120,10 @@ def test_the_status_knows_of_the_chains_while_an_index_is_built(make, monkeypatc
     assert worker.status.chain_sweeps == 30
     building, go_on, take = threading.Event(), threading.Event(), Refinement.take
 
-    def slowly(self, scans):
+    def slowly(self, scans, **how):
         building.set()
         assert go_on.wait(20.0)
-        return take(self, scans)
+        return take(self, scans, **how)
 
     monkeypatch.setattr(Refinement, 'take', slowly)
     worker.refine(some, stop)

@@ -106,7 +106,7 @@ def test_an_index_is_not_waited_for(monkeypatch):
     worker.refine(scans(3), StopConfig(max_sweeps=10, r_hat=0.0))
     until(lambda: idle(worker, 'sweeps'))
     before, take = worker.result, Refinement.take
-    monkeypatch.setattr(Refinement, 'take', lambda *a: go_on.wait(30.0) and take(*a))
+    monkeypatch.setattr(Refinement, 'take', lambda *a, **b: go_on.wait(30.0) and take(*a, **b))
     worker.refine(scans(4), ENDLESS)
     until(lambda: worker.status.state == 'indexing')
     started = time.monotonic()

@@ -151,7 +151,8 @@ def test_sampling_goes_on_with_corrected_scans_but_is_not_kept_from_it(monkeypat
         walk(node)
         orders, limits, wanted = [], [], [True]
 
-        def refine(scans, stop):
+        def refine(scans, stop, kept):
+            assert kept is node.recording
             orders.append(scans)
             limits.append(stop.max_time)
 
