@@ -20,9 +20,9 @@ import numpy as np
 
 from ogm_mcmc.arrays import BoolArray, Float32Array
 from ogm_mcmc.config import SamplerConfig, StopConfig, flatten
+from ogm_mcmc.engine.completed_map import Beside
 from ogm_mcmc.engine.earlier_chains import EarlierChains
 from ogm_mcmc.engine.live_map import (
-    Reflections,
     cells_on,
     check_lattice,
     first_maps,
@@ -59,7 +59,6 @@ from ogm_mcmc.files.output_files import replacing
 from ogm_mcmc.geometry import GridMap, PlacedScan
 from ogm_mcmc.sampling import ChainQuality, PosteriorModel, PosteriorSampler, RayWindow
 from ogm_mcmc.sampling.chain_starts import forgotten
-from ogm_mcmc.sampling.estimates import at_least, with_one_more_draw, with_share_of
 from ogm_mcmc.sampling.informed import known_cells
 from ogm_mcmc.sampling.posterior import ARRIVES, Estimate
 from ogm_mcmc.sampling.ray_window import Dropped
@@ -98,7 +97,7 @@ class Refinement:
         # The live map where it was made for chains to begin at; on the window it is beside what
         # cells reflected, once a map is asked for.
         self._live: GridMap | None = None
-        self._others: tuple[GridMap, Reflections | None] | None = None
+        self._others: Beside | None = None
 
     # -- scans in ---------------------------------------------------------------------------
 
@@ -254,7 +253,8 @@ class Refinement:
                 fresh = [np.where(only, a, b) for a, b in zip(fresh, starts, strict=True)]
             starts = fresh
             if self._table is not None:
-                starts = forgotten(model, starts, chain.seed, only)
+                ended = cells_on(spec, self._live, 0.5, 0.0) == 1
+                starts = forgotten(model, starts, chain.seed, only, ended)
         burn_in = min(chain.burn_in, WARM_BURN_IN) if soon else chain.burn_in
         goes_on = start is None and moved is None
         hits = grown.hits(window) if grown is not None and goes_on else []
@@ -344,17 +344,13 @@ class Refinement:
 
         The mean of draws, with the live map as one more, the share of beams that cells reflected
         with its weight, `chain.reflecting`, and at least what that share is of many beams, both
-        as far as readings are of the cells that they end in (`blur_of`).
+        as far as readings are of the cells that they end in (`Beside.completed`). `of` draws of
+        the burn-in as of those that count.
         """
         of = of or self._sampled().estimate()
-        live, reflection = self._beside()
-        found = with_one_more_draw(self.drawn_map(of), live, of.draws)
-        if reflection is None:
-            return found
         blur = blur_of(self.model.sigma_m, self.config.window.resolution)
         weight = self.config.chain.reflecting
-        found = with_share_of(found, reflection.share, weight, lowering=blur * weight)
-        return at_least(found, reflection.least(blur))
+        return self._beside().completed(self.drawn_map(of), of.draws, weight, blur)
 
     def drawn_map(self, of: Estimate | None = None) -> GridMap:
         """Return the mean of the draws alone on the window, nan where no ray ever came."""
@@ -363,17 +359,17 @@ class Refinement:
     @property
     def guess(self) -> GridMap:
         """The live map on the window, nan where no ray ever came: who shows draws has it too."""
-        return self._beside()[0]
+        return self._beside().live
 
-    def _beside(self) -> tuple[GridMap, Reflections | None]:
+    def _beside(self) -> Beside:
         """Return the live map on the window, and what cells reflected where that weighs."""
         box = self.window.spec.box
-        if self._others is None or self._others[0].spec.box != box:
+        if self._others is None or self._others.live.spec.box != box:
             window = self._decided().window
             live = live_map(self._taken, window) if self._live is None else self._live
             counted = self.config.chain.reflecting > 0.0
             reflection = reflection_map(self._taken, window, box) if counted else None
-            self._others, self._live = (live.windowed(box), reflection), None
+            self._others, self._live = Beside(live.windowed(box), reflection), None
         return self._others
 
     def known_map(self, of: Estimate | None = None) -> GridMap:

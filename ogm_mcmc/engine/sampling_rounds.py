@@ -11,22 +11,26 @@ from ogm_mcmc.config import StopConfig
 from ogm_mcmc.engine.progress import Progress
 from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.sampling import ChainQuality, PosteriorSampler
-from ogm_mcmc.sampling.diagnostics import judged_in_groups
+from ogm_mcmc.sampling.diagnostics import TURNS, judged_in_groups
 
 __all__ = ['SamplingRounds', 'least_counted']
 
 # Judging chains takes a look at every batch of every cell: at most this share of the time. Before
 # it can end anything, and only says how far they are, at most the second.
 JUDGING_SHARE = 0.1
-EARLY_JUDGING_SHARE = 0.03
+EARLY_JUDGING_SHARE = 0.015
 
-# Fewer sweeps agree by chance; of chains that are judged in groups half of them do.
-MIN_COUNTED = 64
+# Fewer sweeps agree by chance; of four chains that are judged in groups half of them do. More
+# chains are of few beams, between which walls go on closing: the mean of a few sweeps more is
+# nearer to the truth.
+MIN_COUNTED, MIN_COUNTED_BY_FOUR, MIN_COUNTED_BY_MANY = 64, 32, 48
 
 
 def least_counted(n_chains: int) -> int:
     """Return how many sweeps of each of so many chains have to count before they may agree."""
-    return MIN_COUNTED // 2 if judged_in_groups(n_chains) else MIN_COUNTED
+    if not judged_in_groups(n_chains):
+        return MIN_COUNTED
+    return MIN_COUNTED_BY_FOUR if n_chains == TURNS else MIN_COUNTED_BY_MANY
 
 
 class SamplingRounds:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.random import Generator
 
 from ogm_mcmc.arrays import BoolArray, UInt8Array
-from ogm_mcmc.sampling.posterior import PosteriorModel
+from ogm_mcmc.sampling.posterior import ARRIVES, PosteriorModel
 
 __all__ = ['forgotten', 'over_dispersed_starts']
 
@@ -26,8 +26,11 @@ def forgotten(
     starts: Sequence[UInt8Array],
     seed: int,
     only: BoolArray | None = None,
+    ended: BoolArray | None = None,
 ) -> list[UInt8Array]:
     """Return maps (K,) that do not depend on where they started, `only` in these cells (K,).
+
+    Cells (K,) in which readings `ended` are solid where no ray arrives that tells of them.
 
     A block of solid or empty cells is held together by a learned prior, and would outlast any
     burn-in. So cells are drawn one by one first, given the same rays and an even, small chance of
@@ -35,6 +38,14 @@ def forgotten(
     occupied: 76 000 flips in the first sweep, 2 900 in the second, 410 in the fifth, 290 in the
     tenth. After three sweeps and five of the burn-in maps are as far from the end as after five
     and five (`only`: Intel corrected, log-likelihood 167 430 and 167 400, error .0068 and .0070).
+
+    Behind a surface rays ask for nothing. All is left empty there, and only the prior fills it, in
+    hundreds of sweeps, though some readings ended there. Of 465 cells behind the outer walls of
+    the demo's office (all beams) which the live map measured the mean was 0.74, 0.77 and 0.79
+    after 64, 128 and 192 counted sweeps; about all else chains had agreed before the first of
+    these. Were they to begin as `ended` has them F1 at 0.5, with such cells counted as solid, was
+    0.973, 0.974 and 0.975 instead of 0.963, 0.965 and 0.970 (live 0.964), calibration error .0022,
+    .0021 and .0021 instead of .0032, .0030 and .0028 (live .0030).
     """
     sweeps = FORGETTING_SWEEPS if only is None else FORGETTING_AGAIN_SWEEPS
     rngs = np.random.default_rng([seed, 2]).spawn(len(starts))
@@ -45,7 +56,13 @@ def forgotten(
         return state.cells
 
     with ThreadPoolExecutor(len(starts)) as pool:
-        return list(pool.map(one, rngs, starts))
+        found = list(pool.map(one, rngs, starts))
+    if ended is not None:
+        mean = np.asarray(np.mean(found, axis=0), np.float32)
+        hidden = ended & (model.arrival(mean, ARRIVES) < ARRIVES)
+        for cells in found:
+            cells[hidden if only is None else hidden & only] = 1
+    return found
 
 
 def over_dispersed_starts(

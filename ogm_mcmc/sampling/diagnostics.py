@@ -14,6 +14,7 @@ from ogm_mcmc.arrays import AnyArray, BoolArray, Float32Array, Float64Array, Int
 from ogm_mcmc.sampling.gibbs_kernels import PARTS
 
 __all__ = [
+    'TURNS',
     'BatchCounts',
     'ChainQuality',
     'agreeing_share',

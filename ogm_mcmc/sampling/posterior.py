@@ -17,6 +17,7 @@ from ogm_mcmc.sampling.diagnostics import (
     ChainQuality,
     agreeing_share,
     assess,
+    in_groups,
     later_halves,
     later_mean,
     split_r_hat,
@@ -236,14 +237,16 @@ class PosteriorSampler:
     def settling_share(self, limit: float) -> float:
         """Return the share of informed cells with R-hat below a limit in the burn-in.
 
-        Of the later two thirds of its sweeps; 0 while these are fewer than four and once they are
-        let go. It says how far chains have come, and is no result: results are of counted sweeps.
+        Of the later two thirds of its sweeps, of many chains those of two groups, as counted
+        sweeps are judged (`in_groups`); 0 while these are fewer than four and once they are let
+        go. It says how far chains have come, and is no result: results are of counted sweeps.
         """
         if not self.settling or self.settling[0].full < LEAST_AGREEING:
             return 0.0
         arrives = self.arrival(later_mean(self.settling))[self.model.touched] >= ARRIVES
         halves, length = later_halves(self.settling, np.flatnonzero(arrives))
-        return agreeing_share(split_r_hat(halves, length), limit)
+        means, together = in_groups(halves)
+        return agreeing_share(split_r_hat(means, length * together), limit)
 
     def _advance_one(self, chain: int, n_sweeps: int) -> int:
         flips = 0

@@ -123,8 +123,17 @@ def test_chains_are_judged_as_soon_as_they_may_stop(monkeypatch):
     assert rounds[-1].reason == 'converged'
 
 
-def test_many_chains_may_agree_after_half_of_the_sweeps():
-    assert [least_counted(n) for n in (1, 2, 3, 4, 5, 6, 16)] == [64, 64, 64, 32, 64, 64, 32]
+def test_many_chains_may_agree_after_fewer_sweeps():
+    assert [least_counted(n) for n in (1, 2, 3, 4, 5, 6, 8, 16)] == [
+        64,
+        64,
+        64,
+        32,
+        64,
+        64,
+        48,
+        48,
+    ]
     rounds = run(
         taken(FIRST, burn_in=10, chains=4), max_sweeps=200, r_hat=10.0, agreeing_share=0.0
     )

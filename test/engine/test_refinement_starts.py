@@ -132,6 +132,31 @@ def test_chains_start_from_the_live_map():
     assert maps(refinement) == [expected] * 3
 
 
+@pytest.mark.filterwarnings('ignore:.*prior learned at')
+def test_readings_behind_a_surface_are_where_chains_begin_solid():
+    """A wall that most beams end at, and a few 0.3 m behind it."""
+    circle = {'bearing': 0.0, 'increment': math.pi / 20.0}
+    near, far = fan(*[2.0] * 40, **circle), fan(*[2.3] * 40, **circle)
+    scans = [PlacedScan.at(scan, Pose2D(0.02, 0.03)) for scan in (near, near, near, far)]
+    refinement = Refinement(
+        SamplerConfig(
+            model=ForwardModelConfig(sigma=0.05),
+            window=WindowConfig(resolution=0.1),
+            chain=ChainConfig(chains=2),
+            patch=PatchConfig(prior='border', size=9),
+        )
+    )
+    refinement.take(scans)
+    sampler, spec = refinement.sampler, refinement.window.spec
+    drawn = np.array([state.cells for state in sampler.states])
+    mean = drawn.mean(axis=0, dtype=np.float32)
+    arrives = sampler.model.arrival(mean, 0.5) >= 0.5
+    live = live_map(scans, refinement.config.window).windowed(spec.box)
+    ended = live.probability.reshape(-1) >= 0.5
+    assert (ended & ~arrives)[sampler.model.touched].sum() > 10
+    assert drawn[:, ended & ~arrives].all()
+
+
 def test_beams_that_are_left_out_are_in_no_part_of_a_map():
     """Neither in the start, nor as one more draw, nor in what cells reflected."""
     found = []

@@ -15,7 +15,7 @@ from ogm_mcmc.geometry import CellBox, PlacedScan, Pose2D
 from ogm_mcmc.sampling import PosteriorSampler, RayWindow, over_dispersed_starts, posterior
 from ogm_mcmc.sampling.cell_gibbs import GibbsState
 from ogm_mcmc.sampling.chain_starts import forgotten
-from ogm_mcmc.sampling.diagnostics import split_r_hat
+from ogm_mcmc.sampling.diagnostics import later_halves, split_r_hat
 from ogm_mcmc.sampling.gibbs_kernels import PARTS
 from ogm_mcmc.sampling.patch_gibbs import PatchModel
 from ogm_mcmc.sampling.patch_places import DULL_TURNS
@@ -190,6 +190,20 @@ def test_starts_are_forgotten():
     assert max(walls) < 1.2 * min(walls)
 
 
+def test_where_no_ray_arrives_cells_in_which_readings_ended_begin_solid():
+    model = blocked_room()
+    starts = [np.zeros(model.n_cells, np.uint8), np.ones(model.n_cells, np.uint8)]
+    ended, only = np.random.default_rng(2).random((2, model.n_cells)) < 0.5
+    plain = forgotten(model, starts, 1, only)
+    arrives = model.arrival(np.mean(plain, axis=0, dtype=np.float32), 0.0) >= 0.5
+    solid = ended & ~arrives & only
+    assert solid.any()
+    assert not np.array([cells[solid] for cells in plain]).all()
+    for cells, before in zip(forgotten(model, starts, 1, only, ended), plain, strict=True):
+        assert cells[solid].all()
+        assert np.array_equal(cells[~solid], before[~solid])
+
+
 def test_cells_behind_a_surface_are_not_judged():
     """They take the prior's word, whatever rays cross them on paper."""
     model = blocked_room()
@@ -322,6 +336,37 @@ def test_a_burn_in_ends_at_the_first_look_at_which_chains_agree(ends, monkeypatc
     at_once = sampler_of(patch_model(), burn_in=400, may_end=True)
     at_once.advance(sampler.sweeps)
     assert_same(at_once, sampler)
+
+
+class ChainsOfTheirOwn(LoneCells):
+    """Every chain draws its cells with the probability in its records, none where that is nan."""
+
+    def advance(self, rng, state, **_):
+        if np.isfinite(state.records[0]):
+            state.cells[:] = rng.random(self.n_cells) < state.records[0]
+        return 0
+
+
+@pytest.mark.parametrize('chains', [4, 16])
+@pytest.mark.parametrize('live', [0, 1])
+@pytest.mark.parametrize('stay', [False, True])
+def test_a_burn_in_of_many_chains_is_judged_in_two_groups(chains, live, stay):
+    """Chains that differ within a group agree; those that stay where they began do not."""
+    model = ChainsOfTheirOwn(np.full(400, 0.5))
+    cells = np.full(400, live, np.uint8)
+    starts = over_dispersed_starts('dispersed', chains, cells, 0.2, 1, np.zeros(400, np.bool_))
+    sampler = PosteriorSampler(model, starts, seed=1, burn_in=400, may_end=True)
+    for j, state in enumerate(sampler.states):
+        own = np.nan if stay else (0.2, 0.8)[j % 2]
+        sampler.states[j] = state._replace(records=np.array([own]))
+    sampler.advance(198)
+    means, length = later_halves(sampler.settling, model.touched)
+    first = np.arange(2 * chains) // 4 % 2 == 0  # of every four chains the first two
+    groups = [means[mine][half::2].mean(axis=0) for mine in (first, ~first) for half in (0, 1)]
+    r_hat = split_r_hat(np.array(groups), length * chains // 2)
+    assert sampler.settling_share(1.05) == np.mean(r_hat < 1.05)
+    assert sampler.burn_in == (400 if stay else 200)
+    assert np.mean(split_r_hat(means, length) < 1.05) < 0.5
 
 
 def test_short_burn_ins_are_done_whole():
