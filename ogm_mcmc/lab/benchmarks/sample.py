@@ -20,6 +20,7 @@ from ogm_mcmc.config import ChainConfig, ForwardModelConfig, SamplerConfig, Wind
 from ogm_mcmc.engine.refinement import Refinement
 from ogm_mcmc.geometry import PlacedScan
 from ogm_mcmc.lab.benchmarks.pair_count_kernels import count_looked_at
+from ogm_mcmc.lab.benchmarks.plain_sweep import time_beside_plain
 from ogm_mcmc.sampling import CellModel, PosteriorSampler, RayWindow
 
 __all__ = ['Effort', 'bag_config', 'scene_config', 'time_sampling']
@@ -91,6 +92,7 @@ def time_sampling(
         'index_in_sweeps': round(index_ms / best, 2),
         'index_ns_per_pair': round(1e6 * index_ms / size.n_pairs, 2),
         'threads': _time_threads(model, start, effort),
+        'plain_loop': _time_plain(model, start, chain.seed, effort),
         'looked_at': {
             'cells': int(cells),
             'pairs': int(pairs),
@@ -126,6 +128,16 @@ def _time_index(placed: Sequence[PlacedScan], config: SamplerConfig) -> tuple[fl
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     return min(times_ms), peak
+
+
+def _time_plain(
+    model: CellModel, start: UInt8Array, seed: int, effort: Effort
+) -> dict[str, Any] | None:
+    """Compare with a loop over all pairs; None where rays are level in front, not listed."""
+    if model.index.runs.size:
+        return None
+    cells = model.start(start).cells
+    return time_beside_plain(model, cells, seed, effort.warm_up, effort.sweeps)
 
 
 def _time_threads(model: CellModel, start: UInt8Array, effort: Effort) -> dict[str, float]:

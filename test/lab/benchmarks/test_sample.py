@@ -34,6 +34,10 @@ def test_pairs_of_a_corridor_on_paper():
     # 0.5 + 3 + 4 sigma of 2 cells lies in cell 11, 0.6 + 7.25 + 8 in cell 15.
     assert cut['pairs'] == 12 + 16
     assert cut['settings']['model.sigma'] == 2.0
+    plain = cut['plain_loop']
+    assert plain['same_draws'] is True
+    assert plain['cpu_ratio_to_plain'] > 0.0
+    assert plain['median_cpu_ms_per_sweep'] > 0.0
     assert cut['settings']['chain.start'] == 'live'
 
 
@@ -51,6 +55,7 @@ def test_result_holds_what_was_promised():
     assert result['index_ms'] > 0.0
     threads = result['threads']
     assert threads['ratio'] == pytest.approx(threads['2'] / threads['1'], abs=1e-3)
+    assert result['plain_loop'] is None  # `beam` is level in front of readings
     looked_at = result['looked_at']
     assert 0 < looked_at['pairs'] <= result['pairs']
     assert looked_at['all_rays_for_every_cell'] == result['rays'] * result['cells']
@@ -124,6 +129,7 @@ def test_from_the_command_line(run_cli, office_bag):
     assert set(result) == {'scene', 'scene cut at 4 sigma', 'bag 40 cm'}
     assert result['scene']['settings']['model.kind'] == 'gaussian'
     assert result['scene']['settings']['window.cut_sigma'] == 0.0
+    assert all(result[name]['plain_loop']['same_draws'] for name in list(result)[:2])
     # As many rays; cut ones cross fewer cells.
     assert result['scene']['rays'] == result['scene cut at 4 sigma']['rays'] > 17_900
     assert result['scene']['pairs'] > 1.5 * result['scene cut at 4 sigma']['pairs']
