@@ -35,7 +35,7 @@ class GibbsState(NamedTuple):
     """What the next sweep needs: `cells` (K,) uint8 and what each ray hits, `records`.
 
     `records` (N, 4) int32 follows from `cells`; see `ogm_mcmc.sampling.gibbs_kernels`. So does
-    `odds` (K, 4) float32, where they are kept (`ogm_mcmc.sampling.kept_odds`).
+    `odds` (K, 2) float32, where they are kept (`ogm_mcmc.sampling.kept_odds`).
     """
 
     cells: UInt8Array

@@ -33,12 +33,35 @@ log-odds kept, rays tell all of their cells        .82                    1.14 t
 
 With nothing else running the last row is .63 to .65 and .81 to .94 (two programs, one run each).
 
-The goal of .4 is not met. Of 12 ms (cut) 3 to 3.5 are for one look at each cell, 2.5 for summing
-up 13 000 cells, 3 for what lies behind their 17 500 first hits, 3 for flips and what rays tell.
-Few numbers are read, but from all over, so it probably waits for memory; that was not measured.
-Tried without gain: asking for rays of the next 32 cells ahead (`llvm.prefetch`): 3 ms to ask, 3
-less afterwards. Kept are 16 bytes a cell and chain, and 4 bytes a place of a ray, for models that
-are level nowhere only.
+The goal of .4 is not met. `bench sample` takes the last row (`plain_loop`): .62 to .67 and .85 to
+.98 in eight runs on a busy machine. Parts of the scene, scans from its beginning, one run each,
+and what a sweep touches (ours; next, of a permuted list, a cache line after the other takes 5 ns
+in 0.3 MB, 15 in 0.7, 23 in 1.3, 110 in 3, 140 to 160 in 6 to 20: L2 has 0.5 MB):
+
+===================  ======  =============  ============  =====  ======  =============  =====
+..                   whole   .              .             .      cut     .              .
+scans                MB      ours, ns/cell  plain, /pair  ratio  MB      ours, ns/cell  ratio
+===================  ======  =============  ============  =====  ======  =============  =====
+1                    0.9     13             18            .54    0.5     19             .79
+3                    6.5     18             20            .68    4.2     33             .79
+10                   11      27             29            .68    6.2     46             1.00
+30                   19      22             19            .69    10      36             1.04
+100                  36      38             12            .65    20      48             .98
+===================  ======  =============  ============  =====  ======  =============  =====
+
+So up to 60 % of a sweep is waiting (cut, .09 of the cells flip with one scan, .08 with all; but a
+cell has twice the pairs): at the speed of one scan, which fits into L2, the scene would take .22
+and .39 of what the plain loop takes. That loop reads its pairs one after the other and hardly
+waits, while a ray that is told has its lines all over the map: 29 ns a cell more are what some
+60 000 lines from beyond L2 take, for 19 000 flips (cut). Where all fits into L2 for both, the
+ratio is .54 and .79 still: there it is work, not memory.
+
+Of 12 ms (cut) 3 to 3.5 are for one look at each cell, 2.5 for summing up 13 000 cells, 3 for what
+lies behind their 17 500 first hits, 3 for flips and what rays tell. Tried without gain: asking for
+rays of the next 32 cells ahead (`llvm.prefetch`): 3 ms to ask, 3 less afterwards; 8 bytes a cell
+in place of 16, without where its list begins (same time in pairs of runs; taken, as it is less).
+Kept are 8 bytes a cell and chain, and 4 bytes a place of a ray, for models that are level nowhere
+only.
 """
 
 from __future__ import annotations
@@ -68,15 +91,15 @@ __all__ = [
 ZONE_BYTES, VALUE_BYTES = 16, 4
 """Memory of `Zones`: for each ray, and for each place of one."""
 
-NOT_KEPT: Float32Array = np.empty((0, 4), np.float32)
+NOT_KEPT: Float32Array = np.empty((0, 2), np.float32)
 """The odds of a state of which none are kept."""
 
 
 def odds_to_keep(index: RayIndex) -> Float32Array:
-    """Return room (K, 4) for what a state keeps, empty where rays are level anywhere."""
+    """Return room (K, 2) for what a state keeps, empty where rays are level anywhere."""
     if index.runs.size or not index.n_rays:
         return NOT_KEPT
-    odds = np.empty((index.n_cells, 4), np.float32)
+    odds = np.empty((index.n_cells, 2), np.float32)
     forget_odds(odds)
     return odds
 
@@ -126,7 +149,7 @@ def draw_lists(
 ) -> int:
     """Draw the cells of `order` (C,) int32 as `draw_cells` does; return the number of flips.
 
-    state  cells (K,), records (N, 4) int32, see `gibbs_kernels`, and odds (K, 4), of the same
+    state  cells (K,), records (N, 4) int32, see `gibbs_kernels`, and odds (K, 2), of the same
            prior `log_odds`
     """
     cells, records, odds = state
@@ -135,7 +158,7 @@ def draw_lists(
     return int(
         sweep_lists(
             numbers, order, cells, records, records.view(np.float32), log_odds, odds,
-            odds.view(np.int32), rays.zones, rays.zones.view(np.float32), rays.values,
+            rays.zones, rays.zones.view(np.float32), rays.values,
             index.marks, index.lists, index.near, near_bits, index.rays, ray_bits, index.grid,
         )
     )  # fmt: skip

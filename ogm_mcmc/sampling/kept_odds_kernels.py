@@ -1,8 +1,7 @@
 """Kernels that draw cells from log-odds that are kept; why: `ogm_mcmc.sampling.kept_odds`.
 
-odds    (K, 4) float32: LOG_ODDS of each free cell where a ray arrives, never below those given
-        the present map; ARRIVING, how many rays do; as `spans`, the same memory as int32, BEGIN
-        and END of its near pairs. NaN in the first of all: nothing is kept
+odds    (K, 2) float32: LOG_ODDS of each free cell where a ray arrives, never below those given
+        the present map; ARRIVING, how many rays do. NaN in the first of all: nothing is kept
 zones   (N, 4) int32: the first cell of each ray where ending is less than `FAR` below its best,
         OFFSET, which is to be added to a place for where its likelihood lies in `values`; as
         `lowest`, the same memory as float32, LOWEST: a hit counts as no better in cells in front
@@ -36,7 +35,7 @@ from ogm_mcmc.sampling.ray_line_kernels import (
     places_of,
 )
 
-LOG_ODDS, ARRIVING, BEGIN, END = range(4)
+LOG_ODDS, ARRIVING = range(2)
 
 # Columns of `zones`.
 ZONE_COLUMN, ZONE_ROW, LOWEST, OFFSET = range(4)
@@ -163,13 +162,10 @@ def tell_cells(
 
 
 @kernel
-def count_arriving(records, odds, spans, prior, marks, lists, rays, width):
-    """Fill `odds` (K, 4) from first hits: of cells where a ray arrives nothing is known."""
+def count_arriving(records, odds, prior, rays, width):
+    """Fill `odds` (K, 2) from first hits: of cells where a ray arrives nothing is known."""
     for cell in range(odds.shape[0]):
         odds[cell, LOG_ODDS], odds[cell, ARRIVING] = prior, 0.0
-        number = list_of(cell, marks)
-        spans[cell, BEGIN] = lists[number, NEAR] if number >= 0 else 0
-        spans[cell, END] = lists[number + 1, NEAR] if number >= 0 else 0
     for ray in range(records.shape[0]):
         start, shape = rays[ray, START], rays[ray, SHAPE]
         flags, rows = shape >> 48, shape & LOW_16
@@ -229,23 +225,22 @@ def log_odds_of_lists(
 
 @kernel
 def sweep_lists(
-    numbers, order, cells, records, bits, prior, odds, spans, zones, lowest, values, marks,
-    lists, near, near_bits, rays, ray_bits, grid,
+    numbers, order, cells, records, bits, prior, odds, zones, lowest, values, marks, lists,
+    near, near_bits, rays, ray_bits, grid,
 ):  # fmt: skip
     """Draw every cell of `order` once, as `sweep_cells` does; return the number of flips.
 
     What lies behind first hits is told of no ray afterwards.
     """
     cells, records, bits = borrowed(cells), borrowed(records), borrowed(bits)
-    odds, spans = borrowed(odds), borrowed(spans)
-    zones, lowest = borrowed(zones), borrowed(lowest)
+    odds, zones, lowest = borrowed(odds), borrowed(zones), borrowed(lowest)
     order, numbers = borrowed(order), borrowed(numbers)
     values, marks, lists = borrowed(values), borrowed(marks), borrowed(lists)
     near, near_bits = borrowed(near), borrowed(near_bits)
     rays, ray_bits, grid = borrowed(rays), borrowed(ray_bits), borrowed(grid)
     width = grid[WIDTH]
     if np.isnan(odds[0, LOG_ODDS]):
-        count_arriving(records, odds, spans, prior, marks, lists, rays, width)
+        count_arriving(records, odds, prior, rays, width)
         for n in range(records.shape[0]):
             records[n, 2] = UNTOLD
     alone = 1.0 / (1.0 + math.exp(-prior))
@@ -269,7 +264,8 @@ def sweep_lists(
             continue
         row = cell // width
         column = cell - row * width
-        begin, end = np.int64(spans[cell, BEGIN]), np.int64(spans[cell, END])
+        number = list_of(cell, marks)  # where a ray arrives there is one
+        begin, end = np.int64(lists[number, NEAR]), np.int64(lists[number + 1, NEAR])
         log_odds, most = log_odds_of_lists(
             prior, begin, end, column, row, cells, records, bits, zones, lowest, values, near,
             near_bits, rays, ray_bits, width,
