@@ -70,8 +70,8 @@ class TrajectoryConfig:
         40, 'trajectories drawn for the standard deviations of poses', low=2, high=10000
     )
     inflation: float = setting(
-        1.4,
-        'factor on the errors of points, for the standard deviations of the poses',
+        1.6,
+        'factor on the errors that points show, for the standard deviations of the poses',
         low=0.1,
         high=10.0,
     )

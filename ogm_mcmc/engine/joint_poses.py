@@ -33,6 +33,9 @@ UNSURE_RAD = math.radians(0.5)
 # Where a sensor sits on the robot may differ by so much from scan to scan, m, m, rad.
 SAME_MOUNT = (0.01, 0.01, 0.01)
 
+# What the result says of points, see `ogm_mcmc.trajectory.curvature`.
+OF_POINTS = ('held_by_points', 'points_show', 'stretches_show')
+
 # A choice made before stays while the data are within this factor of what decides: each change
 # moves the map and begins chains anew.
 CLEARLY = 1.5
@@ -214,8 +217,9 @@ class PoseRefinement:
         figures['odometry_steps'] = 0 if self.wheels is None else int(self.wheels.first.size)
         if self.wheels is not None:
             figures['odometry_scale'] = round(self.odometry_scale, 6)
-        held = self.estimator.held
-        figures['held_by_points'] = None if math.isnan(held) else round(held, 6)
+        of_points = self.estimator.held, self.estimator.shown, self.estimator.together
+        for name, value in zip(OF_POINTS, of_points, strict=True):
+            figures[name] = None if math.isnan(value) else round(value, 6)
         spread = _deviations(self.estimator.covariances())
         if self.estimator.covariances_known:
             place = np.sqrt((spread[:, :2] ** 2).sum(axis=1))

@@ -21,7 +21,10 @@ from ogm_mcmc.trajectory.curvature import (
     ROUGHLY,
     drawn_deviation,
     held_share,
+    in_common,
+    map_squares,
     numbers_fitted,
+    shown_variance,
     widening,
 )
 from ogm_mcmc.trajectory.factors import PoseFactors
@@ -65,8 +68,8 @@ SEARCH_STAGES = STAGES[:2]
 # After these steps of stages from `RESCALED_FROM_M` on, it is asked when beams were taken.
 TIMED_AFTER = (1, 3)
 
-# Directions along which it is measured how firmly points hold poses.
-PROBES = 2
+# Directions along which it is measured how firmly points hold poses, and how they err.
+PROBES = 4
 
 
 class TrajectoryProgress(NamedTuple):
@@ -124,7 +127,8 @@ class TrajectoryRefinement:
         self.move_scales = np.ones(factors.moves.n_sources)
         self.poses = self.factors.mean.copy()
         self.deviations: list[Float64Array] = []
-        self.held = math.nan  # how much poses are held by points, see `curvature`
+        # How much poses are held by points and how these err, see `curvature`.
+        self.held = self.shown = self.together = math.nan
         self._rng = np.random.default_rng(self.config.seed)
         self._fitted = 0.0  # so many numbers of the poses come from points
         self._fitting = np.random.default_rng((self.config.seed, 1))
@@ -261,15 +265,23 @@ class TrajectoryRefinement:
         system = SurfelSystem.around(self.points, self.poses, stage, self._fitted)
         at = self.factors.linearised(self.poses)
         self._system, nowhere = system, np.zeros_like(self.poses)
-        held = []
+        square = map_squares(self.points, self.poses, system)
+        held, shown, of_stretches = [], [], []
         for _ in range(PROBES):
             probe = drawn_deviation(system, self.factors, at, self._rng)
             held.append(held_share(system, self.points, self.poses, stage, probe))
-        self.held = float(np.mean(held))
-        wider = self.config.inflation * widening(system, self.held)
+            shown.append(shown_variance(system, square, probe))
+            common = in_common(system, self.factors, at, probe)
+            of_stretches.append(shown_variance(system, square, common))
+        self.held, self.shown = float(np.mean(held)), float(np.mean(shown))
+        # Less than single scans show is not believed of stretches.
+        self.together = max(math.sqrt(float(np.mean(of_stretches)) / self.shown), 1.0)
+        wider = self.config.inflation * math.sqrt(self.shown) * widening(system, self.held)
         yield self._progress('curvature measured', stage.side_m, nowhere)
         for _ in range(self.config.draws):
-            drawn = drawn_deviation(system, self.factors, at, self._rng, wider)
+            drawn = drawn_deviation(
+                system, self.factors, at, self._rng, wider, together=self.together
+            )
             self.deviations.append(drawn)
             yield self._progress('drawn', stage.side_m, nowhere)
 

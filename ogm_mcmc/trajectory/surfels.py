@@ -72,6 +72,7 @@ class SurfelSystem(NamedTuple):
     `variance` is that of a point around its line, m^2, as the points themselves show it; `slope`
     is the mean change of r f(r / cut) with r, as a share of the mean weight, `doubt`
     the standard deviation of the variance, as a share of it, points taken for independent.
+    `freedom` is the share of the points that is left to show it: lines and poses took the rest.
     """
 
     residual: Float64Array
@@ -86,6 +87,7 @@ class SurfelSystem(NamedTuple):
     variance: float
     slope: float
     doubt: float
+    freedom: float
 
     @classmethod
     def around(
@@ -103,14 +105,14 @@ class SurfelSystem(NamedTuple):
         centre(residual, weight, surfel, total, mean)
         off = residual - mean[surfel]
         lines = int(np.count_nonzero(total))
-        variance, slope, doubt = _spread(off, weight, lines, stage.cut_m, fitted)
+        variance, slope, doubt, freedom = _spread(off, weight, lines, stage.cut_m, fitted)
         weight /= variance
         total /= variance
         n_scans = points.n_scans
         gradient, blocks = np.zeros((n_scans, 3)), np.zeros((n_scans, 3, 3))
         gather(-off, jacobian, weight, scan, gradient)
         own_blocks(jacobian, weight, scan, blocks)
-        solved = total, blocks, gradient, variance, slope, doubt
+        solved = total, blocks, gradient, variance, slope, doubt, freedom
         return cls(off, jacobian, weight, surfel, point, scan, *solved)
 
     def times(self, x: Float64Array) -> Float64Array:
@@ -151,15 +153,15 @@ def _entries(
 
 def _spread(
     off: Float64Array, weight: Float64Array, surfels: int, cut_m: float, fitted: float
-) -> tuple[float, float, float]:
-    """Return variance (of a point that counts in full, m^2), slope and doubt of `SurfelSystem`.
+) -> tuple[float, float, float, float]:
+    """Return variance (of a point that counts in full, m^2), slope, doubt and freedom of a system.
 
     The variance is such that (sum of weights) / variance is the information that the points have
     of a common distance: sum psi'(r)^2 / sum psi(r)^2 for the influence psi(r) = f(r / cut) r
     (Huber 1964).
     """
     if off.size == 0:
-        return 1.0, 1.0, 1.0
+        return 1.0, 1.0, 1.0, 1.0
     squares = 0.25 * (off / cut_m) ** 2
     share = 1.0 / len(LAYERS)
     influence = (weight / share * off) ** 2 * share
@@ -172,7 +174,7 @@ def _spread(
     variance = float(influence.sum()) / (slope**2 * weights * freedom)
     middle = max(float(influence.mean()), 1e-30)
     doubt = float(influence.std()) / middle / np.sqrt(points * freedom)
-    return max(variance, 1e-8), slope, doubt
+    return max(variance, 1e-8), slope, doubt, freedom
 
 
 def _layer(

@@ -370,6 +370,8 @@ def test_poses_are_estimated_with_the_map(tmp_path, monkeypatch, capsys):
     assert first['settings']['poses'] == 'joint'
     assert first['trajectory']['finished']
     assert 3.0 < 100.0 * first['trajectory']['moved_m'] < 12.0
+    assert 0.0 < first['trajectory']['points_show'] < 3.0
+    assert 1.0 <= first['trajectory']['stretches_show'] < 3.0
     # Where all of them are together scans leave open. Steps of centimetres are small beside the
     # guess of 0.3 m, so errors are alike: 29 beliefs count as hardly more than one. Ten draws have
     # this deviation to 16 %.

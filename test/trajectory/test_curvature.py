@@ -2,15 +2,22 @@
 
 import numpy as np
 import pytest
+from scipy.linalg import block_diag
 from support.rooms import path_through, scans_of
 
 from ogm_mcmc.geometry import PoseBelief
 from ogm_mcmc.trajectory.curvature import (
+    DAMPING,
     LEAST_HELD,
+    LEAST_SHOWN,
     ROUGHLY,
+    SMOOTHED,
     drawn_deviation,
     held_share,
+    in_common,
+    map_squares,
     numbers_fitted,
+    shown_variance,
     widening,
 )
 from ogm_mcmc.trajectory.factors import PoseFactors
@@ -99,3 +106,96 @@ def test_points_that_poses_were_fitted_to_scatter_more_than_they_show() -> None:
     left = 0.25 * plain.weight.size - 0.5 * lines
     assert fitted.variance == pytest.approx(plain.variance * left / (left - 15.0))
     np.testing.assert_allclose(fitted.gradient * fitted.variance, plain.gradient * plain.variance)
+
+
+def smoothing(system: SurfelSystem, at) -> np.ndarray:
+    matrix = dense(system.times) + dense(lambda x: FACTORS.times(at, x))
+    own = block_diag(*np.linalg.inv(system.blocks + at.blocks))
+    once = np.eye(3 * COUNT) - DAMPING * own @ matrix
+    return np.linalg.matrix_power(once, SMOOTHED)
+
+
+def test_what_stretches_have_in_common_is_left_by_steps_of_jacobi() -> None:
+    points = ScanPoints.of(scans_of(TRUTH, 90, 0.02))
+    system, at = SurfelSystem.around(points, TRUTH, STAGE), FACTORS.linearised(TRUTH)
+    moved = np.random.default_rng(3).normal(size=(COUNT, 3))
+    found = in_common(system, FACTORS, at, moved)
+    np.testing.assert_allclose(found.reshape(-1), smoothing(system, at) @ moved.reshape(-1))
+
+
+def test_what_stretches_have_in_common_is_drawn_wider_and_nothing_else() -> None:
+    """Twice as wide: (I + S) times what points do to poses, to the last digit of a draw."""
+    points = ScanPoints.of(scans_of(TRUTH, 90, 0.02))
+    system, at = SurfelSystem.around(points, TRUTH, STAGE), FACTORS.linearised(TRUTH)
+    rng = np.random.default_rng(0)
+    drawn = drawn_deviation(system, FACTORS, at, rng, 1.5, accuracy=1e-12, together=2.0)
+    rng = np.random.default_rng(0)
+    of_points, of_beliefs = 1.5 * system.noise(rng), FACTORS.noise(at, rng)
+    matrix = dense(system.times) + dense(lambda x: FACTORS.times(at, x))
+    by_points = np.linalg.solve(matrix, of_points.reshape(-1))
+    expected = by_points + smoothing(system, at) @ by_points
+    expected += np.linalg.solve(matrix, of_beliefs.reshape(-1))
+    np.testing.assert_allclose(drawn.reshape(-1), expected, rtol=1e-6, atol=1e-9)
+
+
+def test_shown_variance_is_a_sum_over_squares() -> None:
+    """Against sums written down: entries by their squares, the mean of every line taken out."""
+    points = ScanPoints.of(scans_of(TRUTH, 90, 0.02))
+    system = SurfelSystem.around(points, TRUTH, STAGE)
+    square = map_squares(points, TRUTH, system)
+    ends = np.floor(points.placed(TRUTH)[system.point] / 1.6).tolist()
+    assert len({(a, *end) for a, end in zip(square, ends, strict=True)}) == square.max() + 1
+    moved = np.random.default_rng(3).normal(size=(COUNT, 3))
+    along = (system.jacobian * moved[system.scan]).sum(axis=1)
+    pulls: dict[int, float] = {}
+    for a, v in enumerate(system.surfel):
+        line = system.surfel == v
+        off = along[a] - np.average(along[line], weights=system.weight[line])
+        pulls[square[a]] = pulls.get(square[a], 0.0) + system.weight[a] * system.residual[a] * off
+    size = moved.reshape(-1) @ dense(system.times) @ moved.reshape(-1)
+    expected = sum(pull**2 for pull in pulls.values()) / size / system.slope**2 / system.freedom
+    assert shown_variance(system, square, moved) == pytest.approx(expected)
+    assert shown_variance(system, square, np.zeros((COUNT, 3))) == 1.0
+    exact = system._replace(residual=np.zeros_like(system.residual))
+    assert shown_variance(exact, square, moved) == LEAST_SHOWN
+
+
+@pytest.mark.parametrize(('shared_m', 'expected'), [(0.0, 1.0), (0.02, 5.0)])
+def test_errors_that_squares_share_are_seen_where_they_add_up(
+    shared_m: float, expected: float
+) -> None:
+    """The variance that is known: independent errors, or 20 of a square and scan that share one.
+
+    With s^2 of a point by itself and t^2 shared by n, a mean has (s^2 / n + t^2) / (s^2 / n) times
+    the variance, here 1 + 20 t^2 / s^2 where s^2 + t^2 is what single points show.
+    """
+    rng, squares, count = np.random.default_rng(1), 400, 20
+    # Lines, a square each: half of the points of either scan, which are pulled apart.
+    surfel = np.repeat(np.arange(squares), 2 * count)
+    scan = np.tile(np.repeat((0, 1), count), squares)
+    shared = shared_m * rng.standard_normal((squares, 2))[surfel, scan]
+    own_m = 0.04
+    residual = shared + own_m * rng.standard_normal(surfel.size)
+    variance = own_m**2 + shared_m**2
+    total = np.bincount(surfel) / variance
+    residual -= (np.bincount(surfel, residual) / (2 * count))[surfel]
+    nowhere = np.zeros((2, 3))
+    system = SurfelSystem(
+        residual=residual,
+        jacobian=np.tile((1.0, 0.0, 0.0), (surfel.size, 1)),
+        weight=np.full(surfel.size, 1.0 / variance),
+        surfel=surfel,
+        point=np.arange(surfel.size),
+        scan=scan,
+        total=total,
+        blocks=np.zeros((2, 3, 3)),
+        gradient=nowhere,
+        variance=variance,
+        slope=1.0,
+        doubt=0.0,
+        freedom=1.0,
+    )
+    apart = np.array(((1.0, 0.0, 0.0), (-1.0, 0.0, 0.0)))
+    known = (own_m**2 + count * shared_m**2) / variance
+    assert known == pytest.approx(expected, rel=0.05)
+    assert shown_variance(system, surfel, apart) == pytest.approx(known, rel=0.2)
