@@ -129,15 +129,16 @@ def posterior_model(
 
 
 def posterior_of(
-    config: SamplerConfig, scans: Sequence[PlacedScan]
+    config: SamplerConfig, scans: Sequence[PlacedScan], table: PatchTable | None
 ) -> tuple[RayWindow, PosteriorModel]:
     """Return the rays of scans and their posterior, as `Refinement` has them, without chains.
 
-    For settings of which nothing has to be found out, see `Refinement.found_settings`.
+    For settings of which nothing has to be found out, see `Refinement.found_settings`; `table`:
+    that of their `patch_prior`.
     """
     window = window_of(config)
     window.add(scans)
-    return window, posterior_model(config, window, patch_prior(config).table)
+    return window, posterior_model(config, window, table)
 
 
 @lru_cache(maxsize=4)

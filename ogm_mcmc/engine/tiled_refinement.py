@@ -7,13 +7,14 @@ from functools import partial
 from typing import NamedTuple, Protocol
 
 from ogm_mcmc.config import SamplerConfig
-from ogm_mcmc.engine.posterior import Grown, patch_prior
+from ogm_mcmc.engine.posterior import Grown
 from ogm_mcmc.engine.progress import IndexSize
 from ogm_mcmc.engine.refinement import Refinement
 from ogm_mcmc.engine.window_changes import WindowChange
 from ogm_mcmc.errors import ConfigError, WindowError
 from ogm_mcmc.geometry import PlacedScan
 from ogm_mcmc.sampling import PosteriorModel, RayWindow
+from ogm_mcmc.sampling.patch_prior import PatchTable
 from ogm_mcmc.sampling.tile_gibbs import TileReport, TileSampler
 from ogm_mcmc.sampling.tile_index import arrivals, batch_of
 from ogm_mcmc.sampling.tiled_model import TiledModel, TilePrior, Tiles
@@ -38,10 +39,16 @@ class Holders(Protocol):
 
 
 def tile_sampler(
-    config: SamplerConfig, scans: Sequence[PlacedScan], tiling: Tiling, tile: int
+    config: SamplerConfig,
+    table: PatchTable | None,
+    scans: Sequence[PlacedScan],
+    tiling: Tiling,
+    tile: int,
 ) -> TileSampler:
-    """Return what holds a tile; raises WindowError where it takes too much memory."""
-    table = patch_prior(config).table
+    """Return what holds a tile, with the `table` of the `patch_prior` of the settings.
+
+    Raises WindowError where it takes too much memory.
+    """
     return TileSampler(scans, config.window, config.model, table, tiling, tile)
 
 

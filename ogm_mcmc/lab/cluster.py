@@ -22,30 +22,25 @@ from __future__ import annotations
 
 import copy
 import hashlib
-import tempfile
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from concurrent.futures import CancelledError, Executor
-from contextlib import contextmanager
-from dataclasses import replace
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ogm_mcmc.arrays import UInt8Array
 from ogm_mcmc.config import SamplerConfig
-from ogm_mcmc.engine.posterior import posterior_of
+from ogm_mcmc.engine.posterior import patch_prior, posterior_of
 from ogm_mcmc.engine.refinement import Refinement
-from ogm_mcmc.errors import PriorError, WindowError
-from ogm_mcmc.files.user_paths import user_path
+from ogm_mcmc.errors import WindowError
 from ogm_mcmc.geometry import PlacedScan
 from ogm_mcmc.lab.parcels import pack, unpack
 from ogm_mcmc.lab.workers import RETRIES, share
 from ogm_mcmc.sampling import PosteriorModel, PosteriorSampler
 from ogm_mcmc.sampling.diagnostics import BatchCounts
 
-__all__ = ['ChainState', 'advance_chain', 'digest', 'distribute', 'pack_problem', 'prior_at_hand']
+__all__ = ['ChainState', 'advance_chain', 'digest', 'distribute', 'pack_problem']
 
 
 class ChainState(NamedTuple):
@@ -179,11 +174,12 @@ def advance_chain(
 
 
 def pack_problem(config: SamplerConfig, scans: Sequence[PlacedScan]) -> bytes:
-    """Return everything that a window is built from; nothing of a belief but its mean."""
-    file = config.patch.prior_file
-    # It was read before, for the problem at home: what is wrong with it has been said.
-    prior = user_path(file, 'patch.prior_file', PriorError).read_bytes() if file else None
-    return pack(scans, (config, prior))
+    """Return everything that a window is built from; nothing of a belief but its mean.
+
+    The table of the prior is in it: 4 MB, but its file need not be where workers are, and none of
+    them has to make it, which takes 2 s.
+    """
+    return pack(scans, (config, patch_prior(config).table))
 
 
 def digest(parcel: bytes) -> str:
@@ -206,9 +202,8 @@ def _model_of(problem: Problem, parcel: bytes) -> PosteriorModel:
 
 
 def _built(problem: Problem, parcel: bytes) -> PosteriorModel:
-    scans, (config, prior) = unpack(parcel)
-    with prior_at_hand(config, prior) as here:
-        window, model = posterior_of(here, scans)
+    scans, (config, table) = unpack(parcel)
+    window, model = posterior_of(config, scans, table)
     found = window.n_beams, model.n_cells
     if found != (problem.n_rays, problem.n_cells):
         raise WindowError(
@@ -216,15 +211,3 @@ def _built(problem: Problem, parcel: bytes) -> PosteriorModel:
             f'{problem.n_rays} in {problem.n_cells} of the window at home'
         )
     return model
-
-
-@contextmanager
-def prior_at_hand(config: SamplerConfig, prior: bytes | None) -> Iterator[SamplerConfig]:
-    """Give settings that name a file with this prior, where there is one."""
-    if prior is None:
-        yield config
-        return
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / 'prior.npz'
-        file.write_bytes(prior)
-        yield replace(config, patch=replace(config.patch, prior_file=str(file)))

@@ -21,7 +21,7 @@ from ogm_mcmc.config import SamplerConfig
 from ogm_mcmc.engine.tiled_refinement import Held, tile_sampler
 from ogm_mcmc.errors import ClusterError
 from ogm_mcmc.geometry import PlacedScan
-from ogm_mcmc.lab.cluster import digest, pack_problem, prior_at_hand
+from ogm_mcmc.lab.cluster import digest, pack_problem
 from ogm_mcmc.lab.memory import peak_mb
 from ogm_mcmc.lab.parcels import unpack
 from ogm_mcmc.lab.workers import RETRIES, Workers
@@ -180,9 +180,8 @@ def _sampler_of(token: str, parcel: bytes, tiling: Tiling, tile: int) -> TileSam
         if key not in _held:
             for other in [other for other in _held if other[0] != token]:
                 del _held[other]
-            scans, (config, prior) = unpack(parcel)
-            with prior_at_hand(config, prior) as here:
-                _held[key] = tile_sampler(here, scans, tiling, tile)
+            scans, (config, table) = unpack(parcel)
+            _held[key] = tile_sampler(config, table, scans, tiling, tile)
         return _held[key]
 
 

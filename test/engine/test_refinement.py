@@ -22,7 +22,7 @@ from ogm_mcmc.config import (
     PatchConfig,
 )
 from ogm_mcmc.config.nodes import NodeWindowConfig
-from ogm_mcmc.engine.posterior import posterior_of
+from ogm_mcmc.engine.posterior import patch_prior, posterior_of
 from ogm_mcmc.engine.refinement import Refinement
 from ogm_mcmc.errors import WindowError
 from ogm_mcmc.sampling import PosteriorSampler
@@ -61,7 +61,7 @@ def test_a_posterior_without_chains_is_that_of_chains():
     """What workers build, who are told where chains stand."""
     scans = [FIRST, SECOND, THIRD, FIRST._replace(), SECOND._replace()]
     whole = taken(*scans)
-    window, model = posterior_of(whole.found_settings(), scans)
+    window, model = posterior_of(whole.found_settings(), scans, patch_prior(whole.config).table)
     assert window.spec == whole.window.spec
     assert window.n_beams == whole.size.n_rays
     assert window.n_merged == whole.size.n_merged > 0

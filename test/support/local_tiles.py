@@ -6,6 +6,7 @@ from concurrent.futures import Future
 import numpy as np
 
 from ogm_mcmc.config import ForwardModelConfig, WindowConfig
+from ogm_mcmc.engine.posterior import patch_prior
 from ogm_mcmc.engine.tiled_refinement import Held, tile_sampler
 from ogm_mcmc.geometry import PlacedScan, Pose2D
 from ogm_mcmc.sampling.tile_gibbs import TileSampler
@@ -42,7 +43,9 @@ class LocalHolders:
 
     def hold(self, config, scans, tiling):
         self.asked.append((config, len(tiling.tiles)))
-        samplers = [tile_sampler(config, scans, tiling, i) for i in range(len(tiling.tiles))]
+        table = patch_prior(config).table
+        n_tiles = len(tiling.tiles)
+        samplers = [tile_sampler(config, table, scans, tiling, i) for i in range(n_tiles)]
         return Held(LocalTiles(samplers), [sampler.report() for sampler in samplers])
 
 
