@@ -39,9 +39,9 @@ class EarlierChains(NamedTuple):
         if sampler is None:
             return None
         elsewhere, touched, maps = int(prior >= 0.5), sampler.model.touched, []
-        for state in sampler.states:
-            cells = np.full_like(state.cells, elsewhere)
-            cells[touched] = state.cells[touched]
+        for own in sampler.maps():
+            cells = np.full_like(own, elsewhere)
+            cells[touched] = own[touched]
             maps.append(cells)
         return cls(maps, spec, elsewhere, sampler.rngs, sampler.counted > 0)
 

@@ -66,7 +66,7 @@ class SamplingRounds:
     ) -> Iterator[Progress]:
         began, done, per_round = time.monotonic(), 0, 1
         judged_at, judging_s = began, 0.0
-        reason, least = '', least_counted(len(sampler.states))
+        reason, least = '', least_counted(sampler.n_chains)
         while not reason:
             started = time.monotonic()
             n = min(per_round, stop.max_sweeps - done)
@@ -121,7 +121,7 @@ class SamplingRounds:
             sweeps_per_s=done / max(seconds, 1e-9),
             agreeing_share=agreeing if quality is None else quality.agreeing_share(stop.r_hat),
             log_likelihood=float(np.mean(sampler.log_likelihoods())),
-            chains=len(sampler.states),
+            chains=sampler.n_chains,
             reason=reason,
             **figures,
         )

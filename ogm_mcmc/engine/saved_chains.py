@@ -46,8 +46,8 @@ VERSION = 6
 def save_chains(sampler: PosteriorSampler, path: Path, settings: dict[str, Any]) -> None:
     """Write everything that `load_chains` needs to go on as if nothing had happened."""
     arrays: dict[str, Any] = {}
-    for j, state in enumerate(sampler.states):
-        arrays[f'cells_{j}'] = np.packbits(state.cells)
+    for j, cells in enumerate(sampler.maps()):
+        arrays[f'cells_{j}'] = np.packbits(cells)
     for number, counts in enumerate((*sampler.counts, *sampler.settling)):
         arrays[f'counts_{number}'] = counts.counts
         arrays[f'progress_{number}'] = (counts.batch_length, counts.full, counts.in_last)
@@ -55,7 +55,7 @@ def save_chains(sampler: PosteriorSampler, path: Path, settings: dict[str, Any])
         arrays[f'focus_{j}'] = np.packbits(focus.cells)
     header = {
         'version': VERSION,
-        'chains': len(sampler.states),
+        'chains': sampler.n_chains,
         'settling': len(sampler.settling),
         'sweeps': sampler.sweeps,
         'focus_after': [focus.after for _, focus in sorted(sampler.focus.items())],

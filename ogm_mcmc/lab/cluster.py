@@ -3,100 +3,67 @@
 Design note: what a lost machine costs
 --------------------------------------
 Context. Data sets and chains are independent, and machines fail. Work that lives in a worker's
-memory would be lost with it.
+memory alone would be lost with it.
 
-Decision. Nothing lives there. A task is a function of its arguments alone: a data set's settings,
-or where a chain stands (`ChainState`: its map, counts and random generator) and how many sweeps to
-do. Dask gives the task of a lost worker to another one, which finds what the first would have
-found, bit for bit. What a worker keeps is the ray index of the last window, built from the scans
-when the first chain comes by; another worker builds it again. Between rounds the chains stand
-where the command runs, so R-hat is of all chains, and an interrupted run can be saved. The scans
-go to every worker once, packed (`parcels`); were they gone with all workers that had them, they
-would be sent again.
+Decision. After every round each chain is known where the command runs, too: its map, generator
+and counts. So R-hat is of all chains, and an interrupted run can be saved. A worker keeps the ray
+index of the last window, built from the scans when the first chain comes by, and the chains that
+it advanced: it is asked to go on with a chain by its mark alone, and says only what the sweeps
+added (`chain_parcels`). A chain goes to the worker that had it before, if that one is there. Who
+does not keep it under this mark says so, and is told its state: another worker, in place of one
+that is gone, or the same, if its last answer was lost. It finds what the first would have found,
+bit for bit. The scans go to every worker once, packed (`parcels`); were they gone with all workers
+that had them, they would be sent again.
 
-Consequence. Every round ships a chain's counts both ways (32 bytes per sampled cell), so rounds
-last seconds, not tenths. The result is that of local chains with the same seed.
+Consequence. A worker that is lost costs the sweeps of a round, and the time to build its index.
+Tried before: tasks that are functions of their arguments alone. Every round then ships a chain's
+counts both ways (64 bytes per sampled cell), and finds the first hits of all rays anew, on the
+worker and where the command runs. The result is that of local chains with the same seed.
 """
 
 from __future__ import annotations
 
-import copy
 import hashlib
-import threading
 from collections.abc import Sequence
-from concurrent.futures import CancelledError, Executor
+from concurrent.futures import CancelledError, Executor, Future
 from typing import Any, NamedTuple
-
-import numpy as np
 
 from ogm_mcmc.arrays import UInt8Array
 from ogm_mcmc.config import SamplerConfig
-from ogm_mcmc.engine.posterior import patch_prior, posterior_of
+from ogm_mcmc.engine.posterior import patch_prior
 from ogm_mcmc.engine.refinement import Refinement
 from ogm_mcmc.errors import WindowError
 from ogm_mcmc.geometry import PlacedScan
-from ogm_mcmc.lab.parcels import pack, unpack
-from ogm_mcmc.lab.workers import RETRIES, share
-from ogm_mcmc.sampling import PosteriorModel, PosteriorSampler
-from ogm_mcmc.sampling.diagnostics import BatchCounts
+from ogm_mcmc.lab.chain_parcels import unpack_bits, unpack_rows
+from ogm_mcmc.lab.chain_worker import Advanced, ChainJob, ChainState, Problem, advance_chain
+from ogm_mcmc.lab.parcels import pack
+from ogm_mcmc.lab.workers import RETRIES, share, submit_again
+from ogm_mcmc.sampling import GibbsState, PosteriorSampler
 
-__all__ = ['ChainState', 'advance_chain', 'digest', 'distribute', 'pack_problem']
-
-
-class ChainState(NamedTuple):
-    """Where a chain stands: its map as bits (K / 8,), counts, generator, sweeps done.
-
-    `settling`: counts of the burn-in, as long as anything follows from them; `in_focus`: where it
-    looks most, as bits (2 C / 8,), decided `after` so many sweeps; -1: nowhere.
-    """
-
-    cells: UInt8Array
-    counts: BatchCounts
-    settling: BatchCounts | None
-    rng: np.random.Generator
-    sweeps: int
-    after: int
-    in_focus: UInt8Array
-
-    @classmethod
-    def of(cls, sampler: PosteriorSampler, j: int) -> ChainState:
-        """Return where a chain of a sampler stands."""
-        focus = sampler.focus.get(j)
-        return cls(
-            np.packbits(sampler.states[j].cells),
-            sampler.counts[j],
-            sampler.settling[j] if sampler.settling else None,
-            sampler.rngs[j],
-            sampler.sweeps,
-            -1 if focus is None else focus.after,
-            np.empty(0, np.uint8) if focus is None else np.packbits(focus.cells),
-        )
-
-    def focus_into(self, sampler: PosteriorSampler, j: int) -> None:
-        """Let a chain of a sampler look most where this one does."""
-        known = sampler.focus.get(j)
-        if self.after >= 0 and (known is None or known.after != self.after):
-            n = 2 * sampler.model.touched.size
-            cells = np.unpackbits(self.in_focus, count=n).reshape(2, -1).view(np.bool_)
-            sampler.look_at(j, self.after, cells)
+__all__ = ['ChainTraffic', 'digest', 'distribute', 'pack_problem']
 
 
-class Problem(NamedTuple):
-    """What a worker builds a model from: `token` is the digest of its parcel.
+class ChainTraffic(NamedTuple):
+    """Jobs, and bytes of the chains that were sent, and of what came back."""
 
-    `n_rays` and `n_cells` are those of the window at home: all rays, those that merge included.
-    """
+    jobs: int = 0
+    told: int = 0
+    answered: int = 0
 
-    token: str
-    n_rays: int
-    n_cells: int
+    def and_job(self, job: ChainJob) -> ChainTraffic:
+        """Return it with one job more."""
+        return self._replace(jobs=self.jobs + 1, told=self.told + job.n_bytes)
+
+    def and_answer(self, answer: Advanced) -> ChainTraffic:
+        """Return it with one answer more."""
+        return self._replace(answered=self.answered + answer.n_bytes)
 
 
 def distribute(refinement: Refinement, scans: Sequence[PlacedScan], executor: Executor) -> None:
     """Let the chains of a refinement be advanced by an executor from now on.
 
-    `scans` are those that the refinement took. Counts come back after every round: R-hat, map
-    and state of the refinement are of all chains. New scans end it: `take` makes local chains.
+    `scans` are those that the refinement took. What was drawn comes back after every round: R-hat,
+    map and state of the refinement are of all chains. New scans end it: `take` makes local chains.
     """
     here = refinement.sampler
     if here is None:
@@ -104,11 +71,14 @@ def distribute(refinement: Refinement, scans: Sequence[PlacedScan], executor: Ex
     # What was found out here is not looked for again by a worker.
     parcel = pack_problem(refinement.found_settings(), scans)
     problem = Problem(digest(parcel), refinement.size.n_rays, here.model.n_cells)
-    refinement.sampler = _DistantSampler(here, problem, parcel, executor)
+    refinement.sampler = DistantSampler(here, problem, parcel, executor)
 
 
-class _DistantSampler(PosteriorSampler):
-    """Chains that stand here between rounds and are advanced elsewhere."""
+class DistantSampler(PosteriorSampler):
+    """Chains that are advanced elsewhere, and known here between rounds.
+
+    What rays hit first on their maps is looked for here when somebody asks for it (`states`).
+    """
 
     round_s = 5.0
 
@@ -122,55 +92,92 @@ class _DistantSampler(PosteriorSampler):
         self._problem, self._executor = problem, executor
         self._parcel = parcel
         self._shared: Any = None  # what stands for the parcel once it was sent
+        self._marks = [''] * self.n_chains  # of chains that a worker keeps
+        self._log_likelihoods: list[float] | None = None
+        self.traffic = ChainTraffic()
+
+    @property
+    def states(self) -> list[GibbsState]:
+        """Where chains stand; what rays hit first on a new map is found now."""
+        for j, cells in self._new.items():
+            self._states[j] = self.model.start(cells)
+        self._new.clear()
+        return self._states
+
+    @states.setter
+    def states(self, states: list[GibbsState]) -> None:
+        self._states = states
+        self._new: dict[int, UInt8Array] = {}
+
+    def maps(self) -> list[UInt8Array]:
+        """Return every chain's present map (K,)."""
+        return [self._new.get(j, state.cells) for j, state in enumerate(self._states)]
+
+    def log_likelihoods(self) -> list[float]:
+        """Log p(z | m) of every chain's present map, nats."""
+        known = self._log_likelihoods
+        return super().log_likelihoods() if known is None else list(known)
+
+    def figures(self) -> dict[str, int]:
+        """Return what was sent: bytes of the scans, once to each worker; jobs, bytes of chains."""
+        return {'parcel_bytes': len(self._parcel), **self.traffic._asdict()}
 
     def _advance_all(self, n_sweeps: int) -> int:
-        results = self._sent(n_sweeps)
-        for j, (chain, _) in enumerate(results):
-            cells = np.unpackbits(chain.cells, count=self.model.n_cells)
-            self.states[j] = self.model.start(cells)
-            self.counts[j], self.rngs[j] = chain.counts, chain.rng
-            chain.focus_into(self, j)
-        self.settling = [chain.settling for chain, _ in results if chain.settling is not None]
+        answers = self._answers(n_sweeps)
+        for j, answer in enumerate(answers):
+            self.traffic = self.traffic.and_answer(answer)
+            cells = unpack_bits(answer.cells, self.model.n_cells)
+            self._new[j], self._marks[j] = cells, answer.mark
+            self.rngs[j].bit_generator.state = answer.generator
+            occupied = cells[self.model.touched] != 0
+            for row, n_added in unpack_rows(answer.counted, occupied):
+                self.counts[j].add(row, n_added)
+            for row, n_added in unpack_rows(answer.settling, occupied):
+                self.settling[j].add(row, n_added)
+            if answer.looks is not None:
+                answer.looks.into(self, j)
         self.sweeps += n_sweeps
-        return sum(flips for _, flips in results)
+        self._log_likelihoods = [answer.log_likelihood for answer in answers]
+        return sum(answer.flips for answer in answers)
 
-    def _sent(self, n_sweeps: int) -> list[tuple[ChainState, int]]:
+    def _answers(self, n_sweeps: int) -> list[Advanced]:
         """Let every chain be advanced; send the scans again if no worker has them any more."""
+        futures: list[Future[Advanced | None]] = []
         for left in reversed(range(RETRIES)):
             if self._shared is None:
                 self._shared = share(self._executor, self._parcel)
-            standing = [ChainState.of(self, j) for j in range(len(self.states))]
-            sent = self._problem, self._shared
-            futures = [
-                self._executor.submit(advance_chain, *sent, chain, self.burn_in, n_sweeps)
-                for chain in standing
-            ]
             try:
-                return [future.result() for future in futures]
+                return self._answered(n_sweeps, futures)
             except CancelledError:
                 if left == 0:
                     raise
-                self._shared = None
+                self._shared, self._marks = None, [''] * self.n_chains
             finally:
-                for future in futures:
-                    future.cancel()
+                while futures:
+                    futures.pop().cancel()
         raise AssertionError
 
+    def _answered(self, n_sweeps: int, futures: list[Future[Advanced | None]]) -> list[Advanced]:
+        """Return what became of every chain; `futures` are those that were waited for."""
+        found: dict[int, Advanced] = {}
+        while len(found) < self.n_chains:
+            waiting = {j: self._sent(j, n_sweeps) for j in range(self.n_chains) if j not in found}
+            futures += waiting.values()
+            for j, future in waiting.items():
+                answer = future.result()
+                if answer is None:
+                    self._marks[j] = ''  # whoever does it next is told where the chain stands
+                else:
+                    found[j] = answer
+        return [found[j] for j in range(self.n_chains)]
 
-def advance_chain(
-    problem: Problem, parcel: bytes, chain: ChainState, burn_in: int, n_sweeps: int
-) -> tuple[ChainState, int]:
-    """Return where a chain stands after so many sweeps more, and the number of flips."""
-    model = _model_of(problem, parcel)
-    sampler = PosteriorSampler(model, [], seed=0, burn_in=burn_in)
-    sampler.sweeps = chain.sweeps
-    sampler.states = [model.start(np.unpackbits(chain.cells, count=model.n_cells))]
-    # Should this be done again, it has to begin at the same.
-    sampler.counts, sampler.rngs = [copy.deepcopy(chain.counts)], [copy.deepcopy(chain.rng)]
-    sampler.settling = [copy.deepcopy(chain.settling)] if chain.settling is not None else []
-    chain.focus_into(sampler, 0)
-    flips = sampler.advance(n_sweeps)
-    return ChainState.of(sampler, 0), flips
+    def _sent(self, j: int, n_sweeps: int) -> Future[Advanced | None]:
+        """Let a chain be advanced, by the worker that keeps it if there is one."""
+        mark = self._marks[j]
+        state = None if mark else ChainState.of(self, j)
+        job = ChainJob(j, mark, self.burn_in, n_sweeps, state)
+        self.traffic = self.traffic.and_job(job)
+        return submit_again(self._executor, j, advance_chain, self._problem, self._shared, job)
 
 
 def pack_problem(config: SamplerConfig, scans: Sequence[PlacedScan]) -> bytes:
@@ -185,29 +192,3 @@ def pack_problem(config: SamplerConfig, scans: Sequence[PlacedScan]) -> bytes:
 def digest(parcel: bytes) -> str:
     """Return what tells one parcel from another."""
     return hashlib.sha256(parcel).hexdigest()
-
-
-_lock = threading.Lock()
-_models: dict[str, PosteriorModel] = {}
-
-
-def _model_of(problem: Problem, parcel: bytes) -> PosteriorModel:
-    """Return the model of a problem, built when it is first asked for in this process."""
-    with _lock:
-        model = _models.get(problem.token)
-        if model is None:
-            _models.clear()
-            model = _models[problem.token] = _built(problem, parcel)
-    return model
-
-
-def _built(problem: Problem, parcel: bytes) -> PosteriorModel:
-    scans, (config, table) = unpack(parcel)
-    window, model = posterior_of(config, scans, table)
-    found = window.n_beams, model.n_cells
-    if found != (problem.n_rays, problem.n_cells):
-        raise WindowError(
-            f'{found[0]} rays in {found[1]} cells on a worker: expected the '
-            f'{problem.n_rays} in {problem.n_cells} of the window at home'
-        )
-    return model

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections import Counter
 from collections.abc import Iterator
 from concurrent.futures import CancelledError, Executor, Future
 from contextlib import contextmanager
@@ -11,7 +12,7 @@ from typing import Any
 from ogm_mcmc import __version__
 from ogm_mcmc.errors import ClusterError, ConfigError
 
-__all__ = ['RETRIES', 'Workers', 'connected', 'share']
+__all__ = ['RETRIES', 'Workers', 'connected', 'share', 'submit_again']
 
 ANSWER_S = 10.0
 WORKERS_S = 30.0
@@ -66,11 +67,27 @@ class Workers(Executor):
 
     def __init__(self, client: Any) -> None:
         self.client = client
+        self._had: dict[int, str] = {}  # which worker had the last task of a key
         self._pool = client.get_executor(pure=False, retries=RETRIES)
 
     def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> Future[Any]:
         """Let any worker do it; a worker that is lost costs nothing."""
         done: Future[Any] = self._pool.submit(fn, *args, **kwargs)
+        return done
+
+    def again(self, key: int, fn: Any, /, *args: Any) -> Future[Any]:
+        """Let the worker do it that had the last task of this key, or another if need be."""
+        there: dict[str, int] = self.client.nthreads()
+        if there and self._had.get(key) not in there:
+            had = Counter(self._had.values())
+            self._had[key] = min(sorted(there), key=lambda one: had[one] / there[one])
+        near = self.client.get_executor(
+            pure=False,
+            retries=RETRIES,
+            workers=[self._had[key]] if key in self._had else None,
+            allow_other_workers=key in self._had,
+        )
+        done: Future[Any] = near.submit(fn, *args)
         return done
 
     def at(self, worker: str) -> Executor:
@@ -146,6 +163,13 @@ def _check_workers(client: Any, address: str) -> None:
 
 def _version() -> str:
     return __version__
+
+
+def submit_again(executor: Executor, key: int, fn: Any, /, *args: Any) -> Future[Any]:
+    """Submit a task, to the worker that had the last one of this key where there are several."""
+    if isinstance(executor, Workers):
+        return executor.again(key, fn, *args)
+    return executor.submit(fn, *args)
 
 
 def share(executor: Executor, data: bytes) -> Any:

@@ -44,9 +44,11 @@ class BatchCounts:
     a sweep is whether a cell was occupied or with what probability it was drawn, in `PARTS`.
     """
 
-    def __init__(self, n_cells: int) -> None:
-        self.counts: AnyArray = np.zeros((MAX_BATCHES, n_cells), np.uint16)
-        self.batch_length = 1
+    def __init__(self, n_cells: int, *, batch_length: int = 1) -> None:
+        narrow = batch_length * PARTS <= LARGEST_UINT16
+        dtype = np.uint16 if narrow else np.uint32
+        self.counts: AnyArray = np.zeros((MAX_BATCHES, n_cells), dtype)
+        self.batch_length = batch_length
         self.full = 0  # batches
         self.in_last = 0  # sweeps in the batch being filled
 
@@ -63,7 +65,16 @@ class BatchCounts:
 
     def sweep_added(self) -> None:
         """Note that a sweep was added to `row`."""
-        self.in_last += 1
+        self._have_added(1)
+
+    def add(self, row: AnyArray, n_sweeps: int) -> None:
+        """Add what so many sweeps counted (C,), in `PARTS`: of the batch being filled, no more."""
+        mine = self.row
+        mine += row.astype(mine.dtype, copy=False)
+        self._have_added(n_sweeps)
+
+    def _have_added(self, n_sweeps: int) -> None:
+        self.in_last += n_sweeps
         if self.in_last < self.batch_length:
             return
         self.full, self.in_last = self.full + 1, 0

@@ -248,6 +248,10 @@ class PosteriorSampler:
         means, together = in_groups(halves)
         return agreeing_share(split_r_hat(means, length * together), limit)
 
+    def maps(self) -> list[UInt8Array]:
+        """Return every chain's present map (K,)."""
+        return [state.cells for state in self.states]
+
     def _advance_one(self, chain: int, n_sweeps: int) -> int:
         flips = 0
         state, counts = self.states[chain], self.counts[chain]
@@ -297,6 +301,11 @@ class PosteriorSampler:
         self.focus[chain] = Focus(after, cells, self.model.focus(*whole))
 
     @property
+    def n_chains(self) -> int:
+        """How many chains there are."""
+        return len(self.counts)
+
+    @property
     def counted(self) -> int:
         """Sweeps of each chain that count."""
         return self.counts[0].n_sweeps
@@ -317,9 +326,7 @@ class PosteriorSampler:
         """
         parts = [(counts.total(), counts.n_sweeps) for counts in self.counts if self.counted > 0]
         parts += [(counts.recent(), counts.n_recent) for counts in self._helping()]
-        return self._mean_of(
-            parts or [(state.cells[self.model.touched], 1) for state in self.states]
-        )
+        return self._mean_of(parts or [(cells[self.model.touched], 1) for cells in self.maps()])
 
     def _mean_of(self, parts: Sequence[tuple[AnyArray, int]]) -> Estimate:
         """Return the mean of maps: how often (C,) cells were occupied in how many."""
@@ -362,9 +369,9 @@ class PosteriorSampler:
         """Yield `count` maps (K,), `thin` sweeps apart, from the chains in turn."""
         require(thin > 0, 'thin', thin, 'expected at least 1')
         for i in range(count):
-            if i % len(self.states) == 0:
+            if i % self.n_chains == 0:
                 self.advance(thin)
-            yield self.states[i % len(self.states)].cells.copy()
+            yield self.maps()[i % self.n_chains].copy()
 
     @property
     def n_bytes(self) -> int:

@@ -2,7 +2,7 @@
 
 import json
 import os
-from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -25,7 +25,7 @@ from ogm_mcmc.engine.prior_files import default_prior_file
 from ogm_mcmc.engine.refinement import Refinement
 from ogm_mcmc.engine.tiled_refinement import TiledRefinement
 from ogm_mcmc.errors import ClusterError, ConfigError
-from ogm_mcmc.lab import cluster, experiments
+from ogm_mcmc.lab import chain_worker, cluster, experiments
 from ogm_mcmc.lab import workers as workers_module
 from ogm_mcmc.lab.cluster import distribute
 from ogm_mcmc.lab.experiments import run_all
@@ -92,18 +92,21 @@ def dask_cluster():
         yield running
 
 
-class Deadly(Executor):
+class Deadly(workers_module.Workers):
     """Hands one task on in a form that kills the process it is done in, the first time."""
 
     def __init__(self, inner, marker, which):
         self.inner, self.marker, self.which = inner, marker, which
         self.submitted = 0
 
-    def submit(self, fn, *args, **kwargs):
+    def share(self, data):
+        return self.inner.share(data)
+
+    def again(self, key, fn, *args):
         self.submitted += 1
         if self.submitted == self.which:
-            return self.inner.submit(dying_once, str(self.marker), fn, *args, **kwargs)
-        return self.inner.submit(fn, *args, **kwargs)
+            return self.inner.again(key, dying_once, str(self.marker), fn, *args)
+        return self.inner.again(key, fn, *args)
 
 
 def same(one: Refinement, other: Refinement) -> None:
@@ -121,8 +124,9 @@ def test_any_executor_gives_what_local_chains_give(scans, local, monkeypatch):
     refinement = Refinement(config())
     refinement.take(scans)
     built = []
-    monkeypatch.setattr(cluster, '_models', {})
-    monkeypatch.setattr(cluster, '_built', lambda *p, of=cluster._built: built.append(p) or of(*p))
+    monkeypatch.setattr(chain_worker, '_models', {})
+    real = chain_worker._built
+    monkeypatch.setattr(chain_worker, '_built', lambda *p: built.append(p) or real(*p))
     with ThreadPoolExecutor(2) as executor:
         *_, last = sample_chains(refinement, scans, STOP, executor)
     assert (last.sweeps, last.counted, last.reason) == (120, 100, 'sweeps')
@@ -186,13 +190,13 @@ class Forgetful(workers_module.Workers):
         self.sent.append(data)
         return data
 
-    def submit(self, fn, *args, **kwargs):
+    def again(self, key, fn, *args):
         self.given.append(args)
         if len(self.given) == 1:
             gone = Future()
             gone.cancel()
             return gone
-        return self.inner.submit(fn, *args, **kwargs)
+        return self.inner.submit(fn, *args)
 
 
 @pytest.mark.jit
