@@ -242,7 +242,9 @@ class Refinement:
         n_chains = self.config.chains_for(self._n_rays(window))
         starts = [] if earlier is None or start is not None else earlier.maps_on(spec)[:n_chains]
         # Chains that began alike agree whether or not they have forgotten it.
-        apart = start is None and not starts and chain.start == 'dispersed'
+        # Those that are forgotten are as far apart of whatever kind they are.
+        forget = self._table is not None
+        apart = start is None and not starts and (forget or chain.start == 'dispersed')
         if start is not None:
             starts = [cells_on(spec, start, chain.start_threshold, chain.prior)] * n_chains
         elif not starts or moved is not None:
@@ -252,7 +254,7 @@ class Refinement:
             if only is not None:
                 fresh = [np.where(only, a, b) for a, b in zip(fresh, starts, strict=True)]
             starts = fresh
-            if self._table is not None:
+            if forget:
                 ended = cells_on(spec, self._live, 0.5, 0.0) == 1
                 starts = forgotten(model, starts, chain.seed, only, ended)
         burn_in = min(chain.burn_in, WARM_BURN_IN) if soon else chain.burn_in

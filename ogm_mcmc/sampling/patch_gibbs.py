@@ -155,7 +155,7 @@ Consequence. Intel, 910 scans, both chains, processor time, a busy machine, pair
 17.1 s and 89 sweeps instead of 22.2 s and 114 (starts included). With a burn-in of 24
 sweeps 64 counted ones had 105 effective samples, with 50 126: the first are those that drift, so
 per second they are as many. Even beams, judged by every third scan's odd ones, after 64 counted
-sweeps: 1.058 nats (43 of burn-in), with 50 1.061. A tenth of the scans is not cut short.
+sweeps: 1.058 nats (43 of burn-in), with 50 1.061.
 
 What it cannot show: with a learned prior dispersed starts are `forgotten` before the first sweep,
 in what readings ask for, so that chains begin nearly alike. There it tells chains that settled in

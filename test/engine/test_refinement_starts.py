@@ -142,11 +142,12 @@ def test_readings_behind_a_surface_are_where_chains_begin_solid():
         SamplerConfig(
             model=ForwardModelConfig(sigma=0.05),
             window=WindowConfig(resolution=0.1),
-            chain=ChainConfig(chains=2),
+            chain=ChainConfig(chains=2, start='free'),
             patch=PatchConfig(prior='border', size=9),
         )
     )
     refinement.take(scans)
+    assert refinement.sampler.may_end  # what is forgotten is no start that is the same for all
     sampler, spec = refinement.sampler, refinement.window.spec
     drawn = np.array([state.cells for state in sampler.states])
     mean = drawn.mean(axis=0, dtype=np.float32)
