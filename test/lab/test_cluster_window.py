@@ -32,6 +32,12 @@ def test_rays_that_merge_are_sampled_elsewhere_as_here():
     for mine, theirs in zip(here.sampler.counts, there.sampler.counts, strict=True):
         assert np.array_equal(mine.counts, theirs.counts)
     assert here.sampler.log_likelihoods() == there.sampler.log_likelihoods()
+    # Each chain is sent once, and comes back as what was added.
+    jobs, told, answered = there.sampler.traffic
+    counts = sum(counts.counts.nbytes for counts in there.sampler.counts)
+    assert jobs > there.sampler.n_chains
+    assert 0 < told < counts / 10
+    assert 0 < answered < jobs * counts / 10
 
 
 @pytest.mark.jit
