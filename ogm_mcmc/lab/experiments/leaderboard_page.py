@@ -71,12 +71,14 @@ ogm_mcmc evaluate theirs=map.yaml --beams intel_judge --sigma 0.05 \\
     --no-return ignore --unknown 0.15
 ```
 
-Maps that only say free, unknown and occupied are judged as they are. A beam that contradicts a
-certain cell costs much, so it is for the mapper to say how sure it is.
+The map has to be in the frame of these poses: a mapper that chose its own needs its map, or the
+poses of the bag, moved. Maps that only say free, unknown and occupied are judged as they are. A
+beam that contradicts a certain cell costs much, so it is for the mapper to say how sure it is.
 
 ## What was not run
 
-- Mappers of others: none is part of this table yet.
+- Mappers of others: none mapped the even beams alone. Two maps of another program, made of all
+  beams, are [judged by the same odd beams](results.md#maps-of-another-program).
 - With joint poses only {joint} are run.
 - Methods and priors have their defaults: no `fusion: per_beam`, no other sizes of patches, no
   priors learned from maps of one's own, no `pose_uncertain.map_beams`.
