@@ -13,10 +13,12 @@ from typing import Any
 from ogm_mcmc.cli.options import Subparsers, add_json, print_result
 from ogm_mcmc.config import MapperConfig
 from ogm_mcmc.config.nodes import RefineSamplerConfig
+from ogm_mcmc.engine.compiling import uncollected
 from ogm_mcmc.engine.live_map import warm_up_mapping
 from ogm_mcmc.engine.signals import sigint_ignored
 from ogm_mcmc.engine.warm_up import (
     warm_up_chains,
+    warm_up_changes,
     warm_up_collisions,
     warm_up_maps,
     warm_up_sampling,
@@ -40,12 +42,13 @@ def run(options: argparse.Namespace) -> int:
     """Run the command: the compiler takes one core, so two processes share the work."""
     start = time.monotonic()
     config = RefineSamplerConfig()
-    with beside(_beside_chains, config) as process:
-        warm_up_chains(config)
-        process.join()
-    if process.exitcode != 0:  # killed, or at fault: here it is said why
-        _beside_chains(config)
-    warm_up_sampling(config)  # what both may have left
+    with uncollected():
+        with beside(_beside_chains, config) as process:
+            warm_up_chains(config)
+            process.join()
+        if process.exitcode != 0:  # killed, or at fault: here it is said why
+            _beside_chains(config)
+        warm_up_sampling(config)  # what both may have left
     seconds = time.monotonic() - start
     print_result(options, {'seconds': seconds}, f'kernels ready after {seconds:.1f} s')
     return 0
@@ -69,7 +72,9 @@ def beside(work: Callable[..., object], *arguments: Any) -> Iterator[BaseProcess
 
 
 def _beside_chains(config: RefineSamplerConfig) -> None:
-    """Compile, or load from the cache, what `warm_up_chains` leaves."""
-    warm_up_mapping(MapperConfig())
-    warm_up_maps(config)
-    warm_up_collisions()
+    """Compile, or load from the cache, what `warm_up_chains` leaves or comes to last."""
+    with uncollected():
+        warm_up_mapping(MapperConfig())
+        warm_up_maps(config)
+        warm_up_collisions()
+        warm_up_changes(config)

@@ -13,6 +13,7 @@ sensor errs, `scan_rhythm` scans that never came; `deskew` bends scans taken on 
 `recording` keeps what is to be sampled; `posterior` turns settings into a model of the sampler;
 `refinement` samples for as long as there is time; `worker` does so while its node goes on;
 `recorded_map` maps a bag; `prior_learning` counts patches of maps; what is made here is kept in
-files by `saved_map`, `saved_chains`, `tree_files` and `prior_files`; `warm_up` compiles kernels;
-`signals` are all ways in which they take Ctrl-C and SIGTERM. No module here imports ROS.
+files by `saved_map`, `saved_chains`, `tree_files` and `prior_files`; `warm_up` compiles kernels,
+which `compiling` makes quicker; `signals` are all ways in which they take Ctrl-C and SIGTERM. No
+module here imports ROS.
 """

@@ -1,4 +1,10 @@
-"""Compiles, or loads from the cache, what `~/refine` and its users would wait for otherwise."""
+"""Compiles, or loads from the cache, what `~/refine` and its users would wait for otherwise.
+
+The compiler takes one core. Two processes share the work (`cli.warm_up`), one does
+`warm_up_chains`, the other all else and `warm_up_changes`: 47 s of one core together, in the order
+in which neither compiles what the other has not finished. Numba's cache does not stand two that
+compile a kernel for different types at once; the same types cost time only.
+"""
 
 from __future__ import annotations
 
@@ -18,6 +24,7 @@ from ogm_mcmc.sampling.chain_starts import forgotten
 
 __all__ = [
     'warm_up_chains',
+    'warm_up_changes',
     'warm_up_collisions',
     'warm_up_maps',
     'warm_up_poses',
@@ -40,16 +47,11 @@ def warm_up_sampling(config: SamplerConfig) -> int:
 
 
 def warm_up_chains(config: SamplerConfig) -> int:
-    """Compile the part of `warm_up_sampling` that takes longest, and nothing of `warm_up_maps`.
+    """Compile the part of `warm_up_sampling` that takes longest: the index, then the sweeps.
 
-    That is the index and the sweeps. The two may run side by side: numba's cache does not stand
-    two processes that compile a kernel for different types at the same time, and these have none
-    in common. Returns the sweeps done.
+    No map is made for them, but at the very end. Returns the sweeps done.
     """
-    window = replace(config.window, beam_stride=1, no_return='clear')
-    chain = replace(config.chain, sensor='given')
-    refinement = Refinement(replace(config, window=window, chain=chain))
-    start = GridMap(refinement.window.spec, np.zeros((1, 1), np.float32))  # no map is made for it
+    refinement, start = _of_given_sensor(config)
     for scans in _changing_windows(config.window.resolution):
         refinement.take(scans, start if refinement.sampler is None else None)
         done = list(refinement.run(StopConfig(max_sweeps=config.chain.burn_in + 1)))
@@ -57,6 +59,26 @@ def warm_up_chains(config: SamplerConfig) -> int:
             cells = [state.cells for state in refinement.sampler.states]
             forgotten(refinement.sampler.model, cells, config.chain.seed)
     return done[-1].sweeps
+
+
+def warm_up_changes(config: SamplerConfig) -> int:
+    """Compile the part of `warm_up_chains` that extends, merges and drops rays, but for sweeps.
+
+    The index itself comes first there: who comes later finds it compiled. Returns the rays left.
+    """
+    refinement, start = _of_given_sensor(config)
+    windows = _changing_windows(config.window.resolution)
+    return [refinement.take(scans, start) for scans in windows][-1]
+
+
+def _of_given_sensor(config: SamplerConfig) -> tuple[Refinement, GridMap]:
+    """Return what takes scans of which nothing is to be found, and a map to begin at."""
+    window = replace(config.window, beam_stride=1, no_return='clear')
+    # Of a spread that is given nothing is looked for in maps of the scans.
+    model = replace(config.model, sigma=config.model.sigma_m, grazing=0.0)
+    chain = replace(config.chain, sensor='given')
+    refinement = Refinement(replace(config, window=window, model=model, chain=chain))
+    return refinement, GridMap(refinement.window.spec, np.zeros((1, 1), np.float32))
 
 
 def warm_up_maps(config: SamplerConfig) -> None:

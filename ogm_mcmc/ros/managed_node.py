@@ -28,6 +28,7 @@ from rclpy.parameter import Parameter
 from rclpy.timer import Timer
 
 from ogm_mcmc.config.nodes import ManagedConfig
+from ogm_mcmc.engine.compiling import uncollected
 from ogm_mcmc.errors import OgmError
 from ogm_mcmc.ros.bond import Bond
 from ogm_mcmc.ros.parameters import ParameterSet
@@ -329,7 +330,8 @@ class _Warming:
 
     def _run(self) -> None:
         try:
-            self._work()
+            with uncollected():
+                self._work()
         except BaseException as error:  # the node raises it where it is seen
             self.failure = error
         self._took = time.monotonic() - self._began

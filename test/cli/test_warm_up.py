@@ -17,7 +17,7 @@ from ogm_mcmc.config.nodes import NodeMapperConfig, RefineSamplerConfig
 from ogm_mcmc.config.settings import flatten
 
 MAPPING, MAPS, COLLISIONS = 'warm_up_mapping', 'warm_up_maps', 'warm_up_collisions'
-CHAINS, SAMPLING = 'warm_up_chains', 'warm_up_sampling'
+CHAINS, CHANGES, SAMPLING = 'warm_up_chains', 'warm_up_changes', 'warm_up_sampling'
 
 
 @pytest.fixture
@@ -28,7 +28,7 @@ def asked(monkeypatch):
     def note(name):
         monkeypatch.setattr(warm_up, name, lambda *settings: calls.append((name, *settings)))
 
-    for name in (MAPPING, MAPS, COLLISIONS, CHAINS, SAMPLING):
+    for name in (MAPPING, MAPS, COLLISIONS, CHAINS, CHANGES, SAMPLING):
         note(name)
     monkeypatch.setattr(warm_up, 'beside', done_here)
     return calls
@@ -46,7 +46,14 @@ def test_kernels_of_both_nodes_are_made_ready(asked, capsys):
     assert json.loads(capsys.readouterr().out)['seconds'] >= 0.0
     config = RefineSamplerConfig()
     assert sorted(asked[:-1], key=str) == sorted(
-        [(CHAINS, config), (MAPPING, MapperConfig()), (MAPS, config), (COLLISIONS,)], key=str
+        [
+            (CHAINS, config),
+            (MAPPING, MapperConfig()),
+            (MAPS, config),
+            (COLLISIONS,),
+            (CHANGES, config),
+        ],
+        key=str,
     )
     assert asked[-1] == (SAMPLING, config)
     mapping = MapperConfig()
@@ -62,7 +69,7 @@ def test_what_a_process_that_was_killed_left_is_compiled_all_the_same(asked, mon
 
     monkeypatch.setattr(warm_up, 'beside', killed)
     assert run(['warm-up']) == 0
-    assert [name for name, *_ in asked] == [CHAINS, MAPPING, MAPS, COLLISIONS, SAMPLING]
+    assert [name for name, *_ in asked] == [CHAINS, MAPPING, MAPS, COLLISIONS, CHANGES, SAMPLING]
 
 
 def test_a_process_beside_ends_at_once_with_the_command_and_not_by_ctrl_c():

@@ -7,10 +7,12 @@ import pytest
 from support.strategies import fan
 
 from ogm_mcmc.config import ChainConfig, PatchConfig, SamplerConfig, StopConfig, WindowConfig
+from ogm_mcmc.engine import refinement as refinement_module
+from ogm_mcmc.engine import sensor_fit
 from ogm_mcmc.engine.recording import fingerprint
 from ogm_mcmc.engine.refinement import Refinement
 from ogm_mcmc.engine.saved_chains import save_chains
-from ogm_mcmc.engine.warm_up import warm_up_chains, warm_up_sampling
+from ogm_mcmc.engine.warm_up import warm_up_chains, warm_up_changes, warm_up_sampling
 from ogm_mcmc.errors import WindowError
 from ogm_mcmc.geometry import PlacedScan, Pose2D, PoseBelief
 from ogm_mcmc.sampling import first_hits, ray_dropping
@@ -228,8 +230,11 @@ def test_what_chance_may_do_is_not_shown():
         assert np.array_equal(shown, np.array(expected, np.float32), equal_nan=True), margin
 
 
-@pytest.mark.parametrize('warm_up', [warm_up_sampling, warm_up_chains])
-def test_warm_up_takes_scans_out_and_keeps_first_hits(monkeypatch, warm_up):
+@pytest.mark.parametrize(
+    ('warm_up', 'keeping'),
+    [(warm_up_sampling, True), (warm_up_chains, True), (warm_up_changes, False)],
+)
+def test_warm_up_takes_scans_out_and_keeps_first_hits(monkeypatch, warm_up, keeping):
     called = []
 
     def seen(module, name):
@@ -246,4 +251,28 @@ def test_warm_up_takes_scans_out_and_keeps_first_hits(monkeypatch, warm_up):
         seen(ray_dropping, name)
     seen(first_hits, 'mark_through')
     warm_up(SamplerConfig(chain=ChainConfig(burn_in=3)))
-    assert set(called) == {*names, 'mark_through'}
+    assert set(called) == {*names, *(['mark_through'] if keeping else [])}
+
+
+def test_chains_are_made_ready_before_any_map_of_scans(monkeypatch):
+    """What maps scans is compiled beside: it would be compiled twice."""
+    order = []
+
+    def noted(module, name):
+        real = getattr(module, name)
+
+        def one(*args, **settings):
+            order.append(name)
+            return real(*args, **settings)
+
+        monkeypatch.setattr(module, name, one)
+
+    for name in ('live_map', 'reflection_map'):
+        noted(refinement_module, name)
+    noted(sensor_fit, '_mapped')
+    noted(Refinement, 'run')
+    warm_up_chains(SamplerConfig(chain=ChainConfig(burn_in=3)))
+    assert order[:4] == ['run'] * 3 + ['live_map']
+    order.clear()
+    warm_up_changes(SamplerConfig(chain=ChainConfig(burn_in=3)))
+    assert set(order) <= {'live_map'}
