@@ -1,9 +1,10 @@
 """Compiles, or loads from the cache, what `~/refine` and its users would wait for otherwise.
 
 The compiler takes one core. Two processes share the work (`cli.warm_up`), one does
-`warm_up_chains`, the other all else and `warm_up_changes`: 47 s of one core together, in the order
-in which neither compiles what the other has not finished. Numba's cache does not stand two that
-compile a kernel for different types at once; the same types cost time only.
+`warm_up_chains` (31 s of processor time, cold, on a busy machine), the other all else and
+`warm_up_changes` (24 s), in the order in which neither compiles what the other has not finished.
+Numba's cache does not stand two that compile a kernel for different types at once; the same types
+cost time only.
 """
 
 from __future__ import annotations

@@ -106,7 +106,10 @@ def compile_kernels() -> int:
 def main(arguments: list[str]) -> int:
     """Do the named part, or forget what is stale and do all."""
     if arguments:
-        PARTS[arguments[0]]()
+        from ogm_mcmc.engine.compiling import uncollected
+
+        with uncollected():
+            PARTS[arguments[0]]()
         return 0
     forget_stale_kernels()
     return compile_kernels()
