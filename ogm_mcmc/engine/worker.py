@@ -333,7 +333,7 @@ class RefineWorker:
             except WindowError as error:
                 self.log(f'starts new chains: {error}')
                 if refinement.sampler is None:
-                    refinement.take(scans)  # the index had been built for what the file says
+                    refinement.take(scans, whole=whole)  # the index had been of what the file says
             else:
                 self.log(f'continues from {self.state_file}')
 
