@@ -153,7 +153,7 @@ class PosteriorSampler:
     With `may_end` the burn-in, of at least `LEAST_BURN_IN` sweeps, is no longer than it has to be:
     from its half on it ends where the chains agree about the later two thirds of it. `burn_in` is
     then what it was. It is sweeps that do not count which say so; those that count do not. Starts
-    must be as far apart as can be for that; of those that are the same it is never shorter.
+    must be far apart, or forgotten, for that; of those that are the same it is never shorter.
 
     Sweeps look most where there is doubt: in cells that a chain's own maps disagree about and at
     which a ray arrives. Which these are is decided in the burn-in, after 8 of its sweeps, 16, ...
