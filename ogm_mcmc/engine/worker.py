@@ -17,15 +17,16 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ogm_mcmc.config import PosesConfig, SamplerConfig, StopConfig
-from ogm_mcmc.engine.collision import chance_of_unknown
-from ogm_mcmc.engine.joint_poses import KeptPoses
+from ogm_mcmc.engine.handing_over import map_now
+from ogm_mcmc.engine.kept_poses import KeptPoses
 from ogm_mcmc.engine.kept_samples import MOST_SAMPLES, KeptSamples
 from ogm_mcmc.engine.odometry import OdometryAt, said_odometry
 from ogm_mcmc.engine.progress import Progress
 from ogm_mcmc.engine.recording import Recording
 from ogm_mcmc.engine.refined_map import RefinedMap, WorkerStatus
 from ogm_mcmc.engine.refinement import Refinement
-from ogm_mcmc.errors import OgmError, WindowError, WindowFullError
+from ogm_mcmc.engine.state_file import StateFile
+from ogm_mcmc.errors import OgmError, WindowFullError
 from ogm_mcmc.geometry import PlacedScan
 
 __all__ = ['RefineWorker']
@@ -73,15 +74,14 @@ class RefineWorker:
     ) -> None:
         self.config = config
         self.map_every_s = map_every_s
-        self.state_file = state_file
         self.niceness = niceness
         self.log = log
         self.warn = warn or log
-        self.unsaved = ''  # why the state file could not be written, the last time
         self.status = WorkerStatus()
         self.result: RefinedMap | None = None
         self.failure: BaseException | None = None
         self._refinement = Refinement(config)
+        self._state = StateFile(state_file, self.log, self.warn)
         self._kept = KeptSamples(samples)
         self._poses = KeptPoses(PosesConfig() if poses is None else poses, odometry)
         self._handed_over = 0
@@ -116,6 +116,11 @@ class RefineWorker:
         return self._leave(None, 'stopped')
 
     @property
+    def unsaved(self) -> str:
+        """Why the state file could not be written, the last time; empty if it could."""
+        return self._state.unsaved
+
+    @property
     def wanted(self) -> bool:
         """Whether somebody waits for a result: there is an order, and nobody ended it."""
         with self._changed:
@@ -140,7 +145,7 @@ class RefineWorker:
     def save_state(self) -> None:
         """Have the state file written at the next break."""
         with self._changed:
-            self._save = self.state_file is not None
+            self._save = self._state.path is not None
             self._changed.notify()
 
     def close(self) -> None:
@@ -327,22 +332,15 @@ class RefineWorker:
             self._said_no_return = decided
         self._kept.clear()
         self._earlier_sweeps += earlier_sweeps
-        if fresh and self.state_file is not None and self.state_file.exists():
-            try:
-                refinement.resume(self.state_file)
-            except WindowError as error:
-                self.log(f'starts new chains: {error}')
-                if refinement.sampler is None:
-                    refinement.take(scans, whole=whole)  # the index had been of what the file says
-            else:
-                self.log(f'continues from {self.state_file}')
+        if fresh:
+            self._state.resume(refinement, scans, whole=whole)
 
     def _end(self, order: _Order, progress: Progress) -> None:
         reason = (self._cancel or 'stopped') if progress.reason == 'cancelled' else progress.reason
         replaced = reason == 'refined again'
         if not replaced or progress.counted >= ENOUGH or self.result is None:
             self._hand_over(order, progress, final=not replaced)
-        if self.state_file is not None and reason not in ('cleared', 'refined again'):
+        if reason not in ('cleared', 'refined again'):
             self._write_state()
         if reason not in ('refined again', 'cleared', 'shut down'):
             self.log(f'{progress.said(len(order.scans))} ({reason})')
@@ -352,47 +350,19 @@ class RefineWorker:
         wrong = self._refinement.corrected and progress.sweeps >= SOON
         if progress.counted == 0 and self.result is not None and not wrong:
             return  # a map from before is better than the first sweeps of new chains
-        refinement, sampler = self._refinement, self._refinement.sampler
-        assert sampler is not None
-        mean = sampler.estimate() if final else sampler.present_estimate()
-        grid_map = refinement.known_map(mean)
-        samples = self._kept.bits(sampler, refinement.window.spec)
-        unknown = None
-        if samples is not None:
-            # Where the mean says nothing their cells are the prior's, one by one: calibrated
-            # worse than by the area of unknown space, as `collision_risk` takes it.
-            samples = samples.known_in(grid_map)
-            unknown = chance_of_unknown(samples, refinement.prior)
+        result = map_now(
+            self._refinement,
+            self._kept,
+            order.scans,
+            self._poses.trajectory,
+            number=self._handed_over + 1,
+            final=final,
+        )
         with self._changed:
             if self._forget:
                 return
-            self._handed_over += 1
-            self.result = RefinedMap(
-                self._handed_over,
-                grid_map,
-                refinement.drawn_map(mean),
-                refinement.prior,
-                mean.draws,
-                len(order.scans),
-                order.scans[-1].scan.stamp_ns,
-                final,
-                self._poses.trajectory,
-                samples,
-                refinement.guess,
-                unknown,
-            )
+            self._handed_over, self.result = result.number, result
 
     def _write_state(self) -> None:
         self._save = False
-        if self.state_file is None or self._refinement.sampler is None:
-            return
-        try:
-            self._refinement.save(self.state_file)
-        except OgmError as error:
-            if str(error) != self.unsaved:
-                self.warn(f'state not saved: {error}')
-            self.unsaved = str(error)
-        else:
-            if self.unsaved:
-                self.log(f'state saved again: {self.state_file}')
-            self.unsaved = ''
+        self._state.write(self._refinement)

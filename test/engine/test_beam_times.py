@@ -8,7 +8,8 @@ from support.rooms import path_through, scans_at_times, scans_of
 
 from ogm_mcmc.config import PosesConfig, TrajectoryConfig
 from ogm_mcmc.engine.beam_times import BentScans, beam_times_figures, said_beam_times
-from ogm_mcmc.engine.joint_poses import KeptPoses, PoseRefinement
+from ogm_mcmc.engine.joint_poses import PoseRefinement
+from ogm_mcmc.engine.kept_poses import KeptPoses
 from ogm_mcmc.geometry import PlacedScan, Pose2D, PoseBelief
 from ogm_mcmc.trajectory.beam_times import BeamTimes, bent_points
 from ogm_mcmc.trajectory.points import ScanPoints, poses_of

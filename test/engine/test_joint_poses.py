@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from ogm_mcmc.config import PosesConfig, SamplerConfig, WindowConfig
-from ogm_mcmc.engine.joint_poses import KeptPoses, choose_joint
+from ogm_mcmc.engine.joint_poses import choose_joint
+from ogm_mcmc.engine.kept_poses import KeptPoses
 from ogm_mcmc.engine.worker import RefineWorker
 from ogm_mcmc.geometry import PlacedScan, Pose2D, PoseBelief, PoseSamples, Scan
 
