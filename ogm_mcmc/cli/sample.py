@@ -25,6 +25,7 @@ from ogm_mcmc.cli.options import (
     config_from,
     print_result,
 )
+from ogm_mcmc.cli.sample_answer import answer_text, sampling_figures
 from ogm_mcmc.cli.sample_files import SampledMaps, write_all
 from ogm_mcmc.cli.sampling_bar import refine_poses, sample
 from ogm_mcmc.config import (
@@ -41,7 +42,6 @@ from ogm_mcmc.config import (
 from ogm_mcmc.config.nodes import REFINE_CONFIGS, RefineSamplerConfig
 from ogm_mcmc.engine.joint_poses import PoseRefinement, choose_joint
 from ogm_mcmc.engine.odometry import said_odometry
-from ogm_mcmc.engine.progress import Progress, each_of
 from ogm_mcmc.engine.recording import Recording
 from ogm_mcmc.engine.refinement import Refinement
 from ogm_mcmc.engine.signals import interruptible
@@ -49,7 +49,7 @@ from ogm_mcmc.engine.tiled_refinement import TiledRefinement
 from ogm_mcmc.engine.warm_up import warm_up_sampling
 from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.files.output_files import checked_name, makeable_folder
-from ogm_mcmc.files.saying import said_if_slow, say
+from ogm_mcmc.files.saying import said_if_slow, said_if_stopped, say
 from ogm_mcmc.geometry import GridMap, GridSpec
 from ogm_mcmc.io.map_files import load_grid
 from ogm_mcmc.lab.cluster import distribute
@@ -70,6 +70,10 @@ CONFIGS = (
 )
 
 RANGES = {'samples': Range(0), 'thin': Range(1)}
+
+# While it samples Ctrl-C means enough. Before, there is nothing to be had.
+TOO_SOON = 'stopped before the first sweep: nothing was sampled, and nothing is written'
+TWICE = 'stopped twice: the map is not written'
 
 # A dotted name goes by its last part too, but where that says too little or something else.
 SHORT = {
@@ -164,6 +168,68 @@ def _run(
     executor: Workers | None,
     shape: tuple[int, int] | None,
 ) -> int:
+    with said_if_stopped(TOO_SOON):
+        work = _prepare(options, chosen, start, executor, shape)
+    refinement, state = work.refinement, work.state
+    with said_if_stopped(TWICE), interruptible() as interrupted:
+        try:
+            progress = sample(refinement, chosen.stop, interrupted, state.round_done)
+            maps = _draw(refinement, options, interrupted)
+        except Exception:
+            # Between rounds chains on other machines stand here, whatever became of those.
+            if executor is not None:
+                state.rescue()
+            raise
+    result = {
+        'bag': str(options.bag),
+        **work.bag.topics.as_dict(),
+        'dropped': work.bag.dropped,
+        **sampling_figures(refinement, progress, chosen.stop, work.resumed, work.recording),
+        'seconds': round(time.perf_counter() - work.started, 3),
+        'settings': _settings(options, chosen),
+    }
+    failed = state.attempt()
+    if options.state is not None and failed is None:
+        result['state'] = str(options.state)
+    if options.samples:
+        result['maps_drawn'] = len(maps)
+    if len(maps) < options.samples:
+        say(f'{len(maps)} of {options.samples} maps drawn for --samples: interrupted')
+    if work.tiles is not None and isinstance(refinement, TiledRefinement):
+        result['tiles'] = {'groups': refinement.tiled.summaries.groups, **work.tiles.figures()}
+    if work.poses is not None:
+        result['trajectory'] = work.poses.figures()
+    trajectory = None if work.poses is None else work.poses.trajectory()
+    margin = chosen.shown.unknown_margin
+    sampled = SampledMaps(refinement, maps, margin, options.thin, trajectory)
+    result['files'] = write_all(sampled, chosen.output, result, options.folder, options.name)
+    sensor = '' if refinement.sensor is None else f'sensor, 95 %: {refinement.sensor}'
+    lines = filter(None, (answer_text(result), sensor, str(refinement.no_return)))
+    print_result(options, result, '\n'.join(lines))
+    return 0 if failed is None else 1
+
+
+class _Work(NamedTuple):
+    """What is sampled, and with what; `started` on the clock of `time.perf_counter`."""
+
+    bag: BagScans
+    recording: Recording
+    poses: PoseRefinement | None
+    refinement: Refinement
+    tiles: ClusterTiles | None
+    state: KeptState
+    resumed: int
+    started: float
+
+
+def _prepare(
+    options: argparse.Namespace,
+    chosen: _Chosen,
+    start: GridMap | None,
+    executor: Workers | None,
+    shape: tuple[int, int] | None,
+) -> _Work:
+    """Read the bag, estimate the poses if asked to, and find the rays of every cell."""
     started = time.perf_counter()
     joint, settings = chosen.poses.joint, chosen.poses.trajectory
     bag = read_bag(options, chosen.placing, beliefs=joint, odometry=joint and settings.odometry)
@@ -198,40 +264,7 @@ def _run(
     resumed = state.resume()
     if executor is not None and tiles is None:
         distribute(refinement, scans, executor)
-    with interruptible() as interrupted:
-        try:
-            progress = sample(refinement, chosen.stop, interrupted, state.round_done)
-            maps = _draw(refinement, options, interrupted)
-        except Exception:
-            # Between rounds chains on other machines stand here, whatever became of those.
-            if executor is not None:
-                state.rescue()
-            raise
-    result = {
-        **_read(options, bag),
-        **_sampled(refinement, progress, chosen.stop, resumed, recording),
-        'seconds': round(time.perf_counter() - started, 3),
-        'settings': _settings(options, chosen),
-    }
-    failed = state.attempt()
-    if options.state is not None and failed is None:
-        result['state'] = str(options.state)
-    if options.samples:
-        result['maps_drawn'] = len(maps)
-    if len(maps) < options.samples:
-        say(f'{len(maps)} of {options.samples} maps drawn for --samples: interrupted')
-    if tiles is not None and isinstance(refinement, TiledRefinement):
-        result['tiles'] = {'groups': refinement.tiled.summaries.groups, **tiles.figures()}
-    if poses is not None:
-        result['trajectory'] = poses.figures()
-    trajectory = None if poses is None else poses.trajectory()
-    margin = chosen.shown.unknown_margin
-    sampled = SampledMaps(refinement, maps, margin, options.thin, trajectory)
-    result['files'] = write_all(sampled, chosen.output, result, options.folder, options.name)
-    sensor = '' if refinement.sensor is None else f'sensor, 95 %: {refinement.sensor}'
-    lines = filter(None, (_text(result), sensor, str(refinement.no_return)))
-    print_result(options, result, '\n'.join(lines))
-    return 0 if failed is None else 1
+    return _Work(bag, recording, poses, refinement, tiles, state, resumed, started)
 
 
 class _Chosen(NamedTuple):
@@ -315,63 +348,3 @@ def _draw(
             if interrupted.is_set():
                 break
     return maps
-
-
-def _read(options: argparse.Namespace, bag: BagScans) -> dict[str, Any]:
-    return {'bag': str(options.bag), **bag.topics.as_dict(), 'dropped': bag.dropped}
-
-
-def _sampled(
-    refinement: Refinement,
-    progress: Progress,
-    stop: StopConfig,
-    resumed: int,
-    recording: Recording,
-) -> dict[str, Any]:
-    sampler, index = refinement.sampler, refinement.size
-    assert sampler is not None
-    quality = sampler.quality()
-    figures = {
-        # Finite or null: JSON knows no infinity.
-        key: None if isinstance(value, float) and not np.isfinite(value) else value
-        for key, value in progress.as_dict().items()
-        if key != 'seconds'
-    }
-    return {
-        'scans_used': len(recording),
-        'scans_let_go': dict(recording.let_go),
-        'rays': index.n_rays,
-        'rays_merged': index.n_merged,
-        'pairs': index.n_pairs,
-        'memory_mb': round((index.n_bytes + sampler.n_bytes) / 1e6, 1),
-        'cells': int(sampler.model.touched.size),
-        'undecided_cells': None if quality is None else quality.summary()['undecided_cells'],
-        **figures,
-        'agreeing_share': progress.agreeing_share if stop.r_hat > 0.0 else None,
-        'no_return': refinement.no_return.as_dict(),
-        'sensor': None if refinement.sensor is None else refinement.sensor.as_dict(),
-        'resumed_at': resumed,
-        'sampling_seconds': round(progress.seconds, 3),
-    }
-
-
-def _text(result: dict[str, Any]) -> str:
-    r_hat = 'unknown' if result['r_hat_p99'] is None else f'{result["r_hat_p99"]:.3f}'
-    share = result['agreeing_share']
-    agreeing = '' if share is None else f', {100.0 * share:.1f} % agree'
-    dropped = ', '.join(f'{count} {reason}' for reason, count in result['dropped'].items())
-    moved = ''
-    if 'trajectory' in result:
-        of = result['trajectory']
-        moved = f'; poses moved {100.0 * of["moved_m"]:.1f} cm, {of["moved_deg"]:.2f} degrees'
-        if 'deviation_m' in of:
-            moved += f', now sure to {100.0 * of["deviation_m"]:.1f} cm'
-    merged = f' ({result["rays_merged"]} merged with equal ones)' if result['rays_merged'] else ''
-    early = '' if result['counted'] else ' before the end of the burn-in: no posterior mean yet'
-    return (
-        f'{result["scans_used"]} of {result["scans"]} scans, {result["rays"]} rays{merged} -> '
-        f'{result["files"]["yaml"]}: {result["cells"]} cells, {result["counted"]} sweeps counted '
-        f'of {each_of(result["chains"])}, {result["sweeps_per_s"]:.1f}/s, '
-        f'R-hat {r_hat} (99 %){agreeing}; '
-        f'stopped: {result["reason"]}{early}{moved}' + (f'; dropped: {dropped}' if dropped else '')
-    )

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 from tqdm import tqdm
 
-__all__ = ['said_if_slow', 'say']
+__all__ = ['said_if_slow', 'said_if_stopped', 'say']
 
 SLOW_S = 3.0
 
@@ -31,3 +31,13 @@ def said_if_slow(line: str, after_s: float = SLOW_S) -> Iterator[None]:
         yield
     finally:
         timer.cancel()
+
+
+@contextlib.contextmanager
+def said_if_stopped(line: str) -> Iterator[None]:
+    """Print a line where Ctrl-C or SIGTERM ends the block, and let them go on."""
+    try:
+        yield
+    except (KeyboardInterrupt, SystemExit):
+        say(line)
+        raise

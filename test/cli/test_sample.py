@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import yaml
 from PIL import Image
+from support.commands import command
 from support.office import OFFICE_SCANS
 
 from ogm_mcmc.cli.main import run
@@ -168,6 +169,31 @@ def test_ctrl_c_and_a_polite_kill_end_sampling_and_save(sample, tmp_path, monkey
     assert 'samples' not in result['files']
     assert result['maps_drawn'] == 0
     assert signal.getsignal(how) is handler
+
+
+@pytest.mark.parametrize('how', [signal.SIGINT, signal.SIGTERM])
+def test_an_end_before_the_first_sweep_is_said(office_bag, tmp_path, monkeypatch, capsys, how):
+    monkeypatch.setattr(
+        'ogm_mcmc.cli.sample.warm_up_sampling', lambda _: os.kill(os.getpid(), how)
+    )
+    code, _, err = command(capsys, 'sample', office_bag, '-o', tmp_path / 'out')
+    assert code == {signal.SIGINT: 130, signal.SIGTERM: 143}[how]
+    assert err.splitlines()[-1] == (
+        'stopped before the first sweep: nothing was sampled, and nothing is written'
+    )
+    assert not (tmp_path / 'out').exists()
+
+
+def test_a_second_ctrl_c_is_said(office_bag, tmp_path, monkeypatch, capsys):
+    def stopped(*_):
+        os.kill(os.getpid(), signal.SIGINT)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    monkeypatch.setattr('ogm_mcmc.cli.sample.sample', stopped)
+    code, _, err = command(capsys, 'sample', office_bag, '-o', tmp_path / 'out', *COARSE)
+    assert code == 130
+    assert err.splitlines()[-1] == 'stopped twice: the map is not written'
+    assert not (tmp_path / 'out').exists()
 
 
 def test_a_state_that_cannot_be_written_does_not_cost_the_map(
