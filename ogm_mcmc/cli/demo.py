@@ -45,6 +45,7 @@ __all__ = ['add_to']
 NODE_START_S = 400.0  # compiling all kernels on a slow machine
 SERVICE_S = 30.0
 INDEXING_S = 60.0  # beside the time for sampling
+PATIENT_S = 86_400.0  # longer than any demo; no node takes more
 
 # Of fewer maps nothing is known: a machine that is slow or busy gets more time, so often at most.
 LEAST_SWEEPS, MOST_ROUNDS = 16, 5
@@ -213,6 +214,9 @@ def _common(options: argparse.Namespace, source: DemoInput, folder: Path) -> dic
         'mount_source': 'topic' if source.moving else 'parameters',
         'mount.frames': source.mounts,
         'save_directory': str(folder),
+        # Scans come when both nodes have compiled, and no more of them while maps are refined:
+        # who has none for a while misses nothing.
+        'stale_after': PATIENT_S,
         **given(options, PlacingConfig),
     }
     return {name: value for name, value in said.items() if value != ''}

@@ -1,5 +1,6 @@
 """`demo`: real nodes in separate processes, on a log and on the simulated building."""
 
+import argparse
 import json
 
 import pytest
@@ -9,7 +10,15 @@ from ogm_mcmc.io.map_files import load_map
 
 pytest.importorskip('rclpy', reason='rclpy is not installed: no demo')
 
-from ogm_mcmc.cli.demo import MOST_ROUNDS, _refined
+from ogm_mcmc.cli.demo import (
+    MOST_ROUNDS,
+    NODE_START_S,
+    _mapper_arguments,
+    _refined,
+    _refiner_arguments,
+)
+from ogm_mcmc.cli.demo_input import DemoInput
+from ogm_mcmc.config.nodes import IntakeConfig
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
@@ -31,6 +40,20 @@ def test_a_slow_machine_gets_more_time(at_once, calls):
     report = _refined(refiner, 1.0, lambda: True, lambda report: None)
     assert refiner.calls == calls
     assert report['sweeps'] == str(calls * at_once)
+
+
+@pytest.mark.parametrize('arguments', [_mapper_arguments, _refiner_arguments])
+def test_no_node_complains_of_scans_that_cannot_come_yet(arguments, tmp_path):
+    """The mapper said ERROR while the other node compiled, and again while maps were refined."""
+    options = argparse.Namespace(params_file=None, sampling_time=10.0)
+    topics = ('/scan',), '/pose', 'pose', ''
+    source = DemoInput(tmp_path, *topics, 'map', 'base_link', '', False, 10, 180)
+    (value,) = [
+        float(text.partition(':=')[2])
+        for text in arguments(options, source, tmp_path)
+        if text.startswith('stale_after:=')
+    ]
+    assert IntakeConfig(stale_after=value).stale_after > NODE_START_S
 
 
 def test_demo_without_input_maps_the_simulated_building(run_process, tmp_path):
