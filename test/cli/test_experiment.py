@@ -82,6 +82,7 @@ def test_what_spreads_is_what_goes_through_run_all():
         (['patch-intel'], 'intel.gfs.log: no such file'),
         (['patch-stata', '-o', 'new/folder'], 'imported: no such file'),
         (['pose-particles'], 'csail.corrected.gfs: no such file'),
+        (['refined-truth'], '.png: no such file; expected OGM_MCMC_DATA to name'),
     ],
     ids=lambda value: ' '.join(value) if isinstance(value, list) else '',
 )

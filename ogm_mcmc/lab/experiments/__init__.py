@@ -44,6 +44,7 @@ from ogm_mcmc.lab.experiments import (
     pose_particles,
     pose_sim,
     random_field,
+    refined_truth,
 )
 from ogm_mcmc.lab.experiments.datasets import run_all
 from ogm_mcmc.lab.experiments.results import make_page, row
@@ -79,6 +80,7 @@ EXPERIMENTS: dict[str, Run] = {
     'pose-particles': pose_particles.run,
     'pose-sim': pose_sim.run,
     'random-field': random_field.run,
+    'refined-truth': refined_truth.run,
 }
 
 # Those whose work goes through `run_all`. The others take seconds, or time what they do.
@@ -93,4 +95,5 @@ SPREAD = (
     'patch-sim',
     'patch-stata',
     'pose-sim',
+    'refined-truth',
 )

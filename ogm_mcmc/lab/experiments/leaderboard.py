@@ -28,12 +28,9 @@ from ogm_mcmc.evaluation import (
     HeldOutBeams,
     aligned,
     beam_log_likelihood,
-    brier_score,
-    confusion_counts,
     held_out_beams,
     held_out_points,
     probability_at,
-    reliability,
     score_points,
 )
 from ogm_mcmc.files.output_files import replacing
@@ -65,6 +62,7 @@ from ogm_mcmc.lab.experiments.pose_sim import (
     REACH_M,
 )
 from ogm_mcmc.lab.experiments.results import row
+from ogm_mcmc.lab.experiments.scoring import against_cells
 
 __all__ = ['BASE', 'PERCENTS', 'judging_scans', 'run', 'score', 'thinned']
 
@@ -268,13 +266,5 @@ def _measured(contest: Contest) -> BoolArray:
 def _against_truth(grid_map: GridMap, contest: Contest, counted: BoolArray) -> dict[str, float]:
     assert contest.truth is not None
     values = np.nan_to_num(aligned(grid_map, contest.truth)[counted], nan=UNKNOWN)
-    probability = values.astype(np.float64)
     occupied = contest.truth.probability[counted] >= 0.5
-    counts = confusion_counts(probability, occupied)
-    return {
-        'best_f1': counts.best().f1,
-        'f1': confusion_counts(probability, occupied, np.array([0.5])).scores(0).f1,
-        'roc_area': counts.roc_area(),
-        'brier': float(brier_score(probability, occupied)),
-        'calibration_error': reliability(probability, occupied, 10).expected_error(),
-    }
+    return against_cells(values.astype(np.float64), occupied)

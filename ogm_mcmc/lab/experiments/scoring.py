@@ -1,4 +1,4 @@
-"""Scores over thresholds, pooled over many data sets: Table II and Fig. 5 and 6 of [patch]."""
+"""Scores of maps whose truth is known; pooled ones are Table II and Fig. 5 and 6 of [patch]."""
 
 from __future__ import annotations
 
@@ -8,13 +8,28 @@ from typing import Any
 
 import numpy as np
 
-from ogm_mcmc.evaluation import ThresholdCounts, aligned, confusion_counts
+from ogm_mcmc.arrays import BoolArray, Float64Array
+from ogm_mcmc.evaluation import (
+    ThresholdCounts,
+    aligned,
+    brier_score,
+    confusion_counts,
+    reliability,
+)
 from ogm_mcmc.geometry import GridMap
 from ogm_mcmc.lab.experiments.results import save_picture
 from ogm_mcmc.plotting import Series, curves_png
 from ogm_mcmc.simulation import GridWorld
 
-__all__ = ['SCORES', 'THRESHOLDS', 'counts_of', 'draw_scores', 'pooled', 'summary']
+__all__ = [
+    'SCORES',
+    'THRESHOLDS',
+    'against_cells',
+    'counts_of',
+    'draw_scores',
+    'pooled',
+    'summary',
+]
 
 THRESHOLDS = np.linspace(0.0, 1.0, 101)
 
@@ -26,6 +41,22 @@ SCORES = (
     'precision at max F1',
     'recall at max F1',
 )
+
+
+def against_cells(probability: Float64Array, occupied: BoolArray) -> dict[str, float]:
+    """Return the figures of cells (N,) beside what they are: (N,), true where occupied.
+
+    `best_f1` over all thresholds, `f1` at 0.5, `roc_area`, `brier`, `calibration_error` (mean over
+    cells in ten bins of what is said).
+    """
+    counts = confusion_counts(probability, occupied)
+    return {
+        'best_f1': counts.best().f1,
+        'f1': confusion_counts(probability, occupied, np.array([0.5])).scores(0).f1,
+        'roc_area': counts.roc_area(),
+        'brier': float(brier_score(probability, occupied)),
+        'calibration_error': reliability(probability, occupied, 10).expected_error(),
+    }
 
 
 def counts_of(grid_map: GridMap, world: GridWorld, prior: float) -> dict[str, Any]:

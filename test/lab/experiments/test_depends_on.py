@@ -6,7 +6,13 @@ from pathlib import Path
 import pytest
 
 from ogm_mcmc.config.nodes import RefineSamplerConfig
-from ogm_mcmc.lab.experiments import contests, exploration, leaderboard, localization
+from ogm_mcmc.lab.experiments import (
+    contests,
+    exploration,
+    leaderboard,
+    localization,
+    refined_truth,
+)
 
 CONSTANTS = [
     (exploration, ['PLACES', 'BEAMS', 'PATIENCE_M', 'WORTHLESS_NATS', 'UNKNOWN', 'SETTLING']),
@@ -14,6 +20,8 @@ CONSTANTS = [
     (leaderboard, ['SWEEPS', 'BURN_IN', 'CHAINS_SAID', 'POINT_STEP_M', 'RUN', 'BEAMS', 'REACH_M']),
     (localization, ['LOST_M', 'LOST_RAD', 'OFF_M', 'OFF_RAD', 'FOUND_M', 'FOUND_RAD', 'TRIALS']),
     (localization, ['BURN_IN', 'SWEEPS_BETWEEN', 'MOST_SAMPLES', 'MOST_SCANS']),
+    (refined_truth, ['MOST_SWEEPS', 'JUDGING_STEP', 'JUDGE', 'UNKNOWN']),
+    (refined_truth, ['BUILDING_SEED', 'CELL_M', 'ROBOT_RADIUS_M']),
 ]
 
 
