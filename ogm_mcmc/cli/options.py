@@ -143,13 +143,20 @@ def config_from(
     The file is that of a node, whose parameters `node_configs` declares.
     """
     values: dict[str, Any] = {}
+    named = given(options, config)
     if options.params_file is not None:
         # The file is the node's: what is no setting of this config belongs to the rest of it.
         known = {leaf.name for leaf in settings_of(config)}
         held = read_parameter_file(options.params_file, node)
         _refuse_unknown(options.params_file, held, node_configs)
         values.update({name: value for name, value in held.items() if name in known})
-    return build(config, {**values, **given(options, config)})
+    try:
+        return build(config, {**values, **named})
+    except ConfigError as error:
+        name = str(error).partition(' is ')[0]
+        if name in values and name not in named:
+            raise ConfigError(f'{options.params_file}: {error}') from error
+        raise
 
 
 def _refuse_unknown(path: Path, held: dict[str, Any], configs: tuple[type, ...]) -> None:

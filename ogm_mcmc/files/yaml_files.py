@@ -7,6 +7,7 @@ of these either: its own reader refuses aliases.
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +38,12 @@ class _Typed(_Safe):  # type: ignore[misc]
 
 
 _Typed.add_constructor('tag:yaml.org,2002:int', _Typed.construct_yaml_int)
+# YAML 1.1 wants a point and a sign, as in 1.0e-3; ROS, YAML 1.2 and people take 1e-3 for a number.
+_Typed.add_implicit_resolver(
+    'tag:yaml.org,2002:float',
+    re.compile(r'[-+]?(\d+(\.\d*)?|\.\d+)[eE][-+]?\d+\Z'),
+    list('-+.0123456789'),
+)
 
 
 def _check_shape(text: str) -> None:

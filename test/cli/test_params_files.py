@@ -90,3 +90,13 @@ def test_what_takes_long_reads_what_is_shipped(command):
     assert config_from(options, PlacingConfig) == PlacingConfig()
     if command == 'demo':
         assert config_from(options, NodeMapperConfig).no_return == 'auto'
+
+
+def test_a_wrong_value_is_said_with_its_file(folder, monkeypatch, capsys):
+    monkeypatch.chdir(folder)
+    Path('wrong.yaml').write_text('resolution: far\n', encoding='utf-8')
+    command = ['map', 'bag', '-o', 'out', '--params-file', 'wrong.yaml']
+    assert run(command) == 2
+    assert "error: wrong.yaml: resolution is 'far': expected float" in capsys.readouterr().err
+    assert run([*command, '--resolution', '0.0']) == 2
+    assert 'error: resolution is 0.0: expected a number' in capsys.readouterr().err

@@ -31,8 +31,14 @@ def test_parameter_files(tmp_path, form):
 def test_values_keep_their_types(tmp_path):
     text = 'a: 1\nb: 1.0\nc: yes\nd: text\ne: [1, 2]\nf:\n  g:\n    h: 1e-3\n'
     values = parameters(tmp_path, text)
-    assert values == {'a': 1, 'b': 1.0, 'c': True, 'd': 'text', 'e': [1, 2], 'f.g.h': '1e-3'}
+    assert values == {'a': 1, 'b': 1.0, 'c': True, 'd': 'text', 'e': [1, 2], 'f.g.h': 0.001}
     assert [type(values[key]) for key in 'ab'] == [int, float]
+
+
+def test_numbers_are_written_as_ros_takes_them(tmp_path):
+    text = 'a: [1e3, -2E-1, +.5e+2, 3.e0]\nb: ["1e3", e3, 1e, 1e3m, 0x1e3]\n'
+    values = parameters(tmp_path, text)
+    assert values == {'a': [1000.0, -0.2, 50.0, 3.0], 'b': ['1e3', 'e3', '1e', '1e3m', 0x1E3]}
 
 
 @pytest.mark.parametrize(
@@ -74,3 +80,30 @@ def test_file_of_several_nodes_as_ros_reads_it(tmp_path):
     assert read_parameter_file(path) == {'resolution': 0.2, 'prior': 0.4}
     assert read_parameter_file(path, 'amcl') == {'resolution': 0.5, 'prior': 0.4}
     assert read_parameter_file(path, 'planner') == {'resolution': 0.3, 'prior': 0.4}
+
+
+@pytest.mark.parametrize(
+    'block',
+    ['/tb1/online_mapper: {}', 'tb1: {{online_mapper: {}}}', '/**/online_mapper: {}'],
+)
+def test_a_block_of_a_node_in_a_namespace(tmp_path, block):
+    """`ros2 param dump /tb1/online_mapper` writes the first; it was left aside without a word."""
+    text = block.format('{ros__parameters: {prior: 0.4}}')
+    others = '/**: {ros__parameters: {prior: 0.3}}\namcl: {ros__parameters: {prior: 0.1}}\n'
+    assert parameters(tmp_path, f'{text}\n{others}') == {'prior': 0.4}
+
+
+@pytest.mark.parametrize(
+    ('names', 'message'),
+    [
+        (
+            ('amcl', '/tb1/planner'),
+            r'nothing for online_mapper in it, only amcl, /tb1/planner: exp',
+        ),
+        (('/tb1/online_mapper', '/tb2/online_mapper'), 'expected one block for online_mapper'),
+    ],
+)
+def test_files_that_are_not_for_this_node(tmp_path, names, message):
+    text = ''.join(f'{name}:\n  ros__parameters:\n    prior: 0.4\n' for name in names)
+    with pytest.raises(ConfigError, match=message):
+        parameters(tmp_path, text)
