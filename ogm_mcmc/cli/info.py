@@ -79,11 +79,10 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _what_map_takes(bag: BagReader) -> list[str]:
-    """Return the lines that `map` would say of its choice, nothing where there are no scans."""
+    """Return the lines that `map` would say of its choice, or why it can take nothing."""
     kinds = {topic.msgtype for topic in bag.topics() if topic.n_messages > 0}
-    if ros_types.SCAN not in kinds and ros_types.RANGE not in kinds:
-        return []
-    choice = StreamChoice(sensor='scan' if ros_types.SCAN in kinds else 'range')
+    only_cones = ros_types.RANGE in kinds and ros_types.SCAN not in kinds
+    choice = StreamChoice(sensor='range' if only_cones else 'scan')
     try:
         topics = choose_topics(bag, choice)
         lines = list(topics.remarks)

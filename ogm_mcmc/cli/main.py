@@ -63,7 +63,11 @@ def run(argv: list[str] | None = None) -> int:
     """Run a command; return the exit code."""
     argv = sys.argv[1:] if argv is None else argv
     named = [word for word in argv[:1] if word in COMMANDS]
-    options = make_parser(named or COMMANDS).parse_args(argv)
+    parser = make_parser(named or COMMANDS)
+    options, unknown = parser.parse_known_args(argv)
+    if unknown:
+        parser.prog += f' {options.command}'  # whose help tells what it takes
+        parser.error(f'unrecognized arguments: {" ".join(unknown)}')
     leave_on_signals()
     try:
         return int(options.run(options))

@@ -103,7 +103,7 @@ def _with_poses(
         wanted = [one for one in candidates if _is_wanted(one, choice)]
         candidates = [one for one in candidates if not _is_wanted(one, choice)]
     if not wanted:
-        raise BagError(_no_poses(bag, choice, seen.tree, scans[0], candidates))
+        raise BagError(_no_poses(bag, choice, seen, scans[0], candidates))
     poses, strays = choose_robot_poses(
         bag,
         seen.tree,
@@ -260,11 +260,12 @@ def _posed_frame(tree: TransformTree, source: PoseCandidate, sensor: str, base: 
 def _no_poses(
     bag: BagReader,
     choice: StreamChoice,
-    tree: TransformTree,
+    seen: BagSurvey,
     scan: SeenTopic,
     candidates: list[PoseCandidate],
 ) -> str:
     """Say what was looked for, why tf does not help, and what is there."""
+    tree = seen.tree
     expected = ' or '.join(_types(choice.pose_source))
     line = f'{bag.path}: no poses in it: expected {expected}'
     line += ' or tf' if choice.pose_source == 'auto' else ''
@@ -284,4 +285,9 @@ def _no_poses(
         there = {_how_to_take(one, choice) for one in candidates}
         return f'{line}; there are {", ".join(sorted(there))}'
     held = ', '.join(map(str, bag.topics()))
-    return f'{line}; it holds {held}'
+    on_robot = [
+        f'those of {name} are in {one.frame!r}, a frame of the robot'
+        for name, one in seen.topics.items()
+        if one.topic.msgtype in POSE_TYPES
+    ]
+    return '; '.join([line, *on_robot, f'it holds {held}'])

@@ -73,8 +73,12 @@ def load_map(path: Path, most_cells: int = MOST_CELLS) -> GridMap:
     MapFileError with the field at fault.
     """
     fields = read_yaml(path, 'map YAML', MapFileError, typed=False)
-    if not isinstance(fields, dict) or any(key not in fields for key in NEEDED):
+    if not isinstance(fields, dict):
         raise MapFileError(f'{path}: expected a map YAML with {", ".join(NEEDED)}')
+    if missing := [key for key in NEEDED if key not in fields]:
+        raise MapFileError(
+            f'{path}: no {", ".join(missing)} in it: expected a map YAML with {", ".join(NEEDED)}'
+        )
     try:
         resolution = yaml_number(fields, 'resolution')
         x, y = yaml_origin(path, fields['origin'])
@@ -137,6 +141,9 @@ def _meaning(fields: dict[str, Any]) -> _Meaning:
     free, occupied = yaml_number(fields, 'free_thresh'), yaml_number(fields, 'occupied_thresh')
     if not free < occupied:
         raise ValueError(f'free_thresh {free}, occupied_thresh {occupied}: expected one below')
+    if not (free >= 0.0 and occupied <= 1.0):
+        # nav2 takes percents as they are, and then every cell is free.
+        raise ValueError(f'free_thresh {free}, occupied_thresh {occupied}: expected 0 to 1')
     return _Meaning(mode, _flag(fields['negate']), occupied, free)
 
 

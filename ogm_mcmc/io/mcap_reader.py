@@ -141,6 +141,8 @@ class McapReader:
 
     def _record(self) -> tuple[int, bytes]:
         head = self._file.read(RECORD_HEAD.size)
+        if len(head) < RECORD_HEAD.size:
+            raise ValueError('it ends where a record was to begin')
         code, size = RECORD_HEAD.unpack(head)
         left = self._size - self._file.tell()
         if size > left:

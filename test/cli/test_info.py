@@ -38,6 +38,8 @@ def test_what_map_takes(told, write_bag, make_scan):
     assert len(json.loads(told(bag, '--json'))['map_takes']) == 2
     without = told(write_bag([r for r in records if r[0] == '/scan'], name='other'))
     assert 'no poses in it' in without
+    without = told(write_bag([r for r in records if r[0] == '/odom'], name='third'))
+    assert 'no scans in it: expected sensor_msgs/msg/LaserScan' in without.splitlines()[-1]
 
 
 def test_transforms_that_come_in_turn(told, write_bag):

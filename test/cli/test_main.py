@@ -55,6 +55,10 @@ def test_what_is_wrong_is_said_in_one_line(capsys):
         "ogm_mcmc sample: error: argument --chains/--chain.chains: invalid int value: '1.5' "
         '(options: ogm_mcmc sample -h)'
     ]
+    with pytest.raises(SystemExit) as stopped:
+        main.run(['sample', 'bag', '-o', 'out', '--chain', '2', '--colour', 'red'])
+    assert stopped.value.code == 2
+    assert capsys.readouterr().err.splitlines()[-1].endswith('(options: ogm_mcmc sample -h)')
 
 
 @pytest.fixture

@@ -69,6 +69,14 @@ def test_bag_without_poses(place, good):
         place([record for record in good if record[0] == '/scan'])
 
 
+def test_poses_in_a_frame_of_the_robot(place, good, make_pose):
+    """They were called none, beside the topic that holds them."""
+    poses = [('/pose', time_ns, make_pose(time_ns, frame='base_link')) for _, time_ns, _ in good]
+    message = r"those of /pose are in 'base_link', a frame of the robot; it holds /pose"
+    with pytest.raises(BagError, match=message):
+        place([*poses, *(record for record in good if record[0] == '/scan')])
+
+
 def changed(path, value):
     """Return what sets a field of a message, given as a dotted path."""
 

@@ -87,6 +87,12 @@ def test_cut_off(write_bag, recording, kind, share):
         message_of(file)
 
 
+def test_cut_off_after_its_first_bytes(write_bag, recording):
+    file = storage_file(write_bag(recording))
+    file.write_bytes(file.read_bytes()[:8])  # those that say what it is
+    assert 'it ends where a record was to begin' in message_of(file)
+
+
 @pytest.mark.parametrize('name', ['noise.bag', 'noise.mcap', 'noise.db3', 'noise', 'noise.yaml'])
 def test_random_bytes(tmp_path, name):
     path = tmp_path / name

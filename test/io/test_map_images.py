@@ -177,7 +177,7 @@ def test_more_cells_than_allowed_are_refused(write_map):
 
 @pytest.mark.parametrize('name', FIELDS)
 def test_missing_field(write_map, name):
-    assert name in message_of(write_map(**{name: None}))
+    assert f'no {name} in it' in message_of(write_map(**{name: None}))
 
 
 @pytest.mark.parametrize(
@@ -241,6 +241,8 @@ def test_missing_image(write_map, image):
         ('resolution', '&a 0.1'),
         ('resolution', 'true'),
         ('free_thresh', '0.7'),
+        ('free_thresh', '-0.1'),
+        ('occupied_thresh', '65'),
     ],
 )
 def test_value_that_cannot_be(write_map, name, value):
