@@ -2,9 +2,10 @@
 
 import sys
 
+from ogm_mcmc.files.saying import say
 from ogm_mcmc.ros.entry import NODES, run
 
 if len(sys.argv) < 2 or sys.argv[1] not in NODES:
-    print(f'error: expected one of {", ".join(NODES)}', file=sys.stderr)
+    say(f'error: expected one of {", ".join(NODES)}')
     sys.exit(2)
 run(sys.argv.pop(1))
