@@ -26,6 +26,7 @@ from ogm_mcmc.engine.pose_history import (
 )
 from ogm_mcmc.engine.recent import Recent
 from ogm_mcmc.engine.standing_still import StandingStill
+from ogm_mcmc.engine.still_clocks import StillClocks
 from ogm_mcmc.errors import PoseError
 from ogm_mcmc.geometry import (
     PlacedScan,
@@ -45,9 +46,10 @@ PATIENCE = 10.0
 
 DROP_REASONS = {
     'scan_out_of_order': 'it is older than the scan before it, or the same scan again',
-    'scan_unstamped': 'its stamp is 0, as that of the scan before it',
+    'scan_unstamped': 'its stamp has been 0, or the same for more than 1 s: a clock stands still',
     'scan_jumped_back': 'its stamp is more than 1 s before the scan before it, or again and again',
     'pose_out_of_order': 'the pose is not later than the pose before it',
+    'pose_unstamped': 'its stamp has been the same for more than 1 s: a clock stands still',
     'pose_jumped_back': 'the pose goes back more than 1 s, or again and again; history restarted',
     'before_restart': 'it waited for a pose when time started again',
     'scan_before_poses': 'it is older than every pose known',
@@ -57,7 +59,7 @@ DROP_REASONS = {
     'queue_full': 'too many scans were waiting for a pose',
     'pose_unusable': 'the pose at its stamp is not level or not finite',
     'pose_unavailable': 'the pose source has no pose at its stamp',
-    'scan_no_mount': 'nothing says where its sensor sits on the base',
+    'scan_no_mount': 'nothing says where its sensor sits on the base at its stamp',
     'scan_bad_mount': 'its sensor is not level with the base',
     'scan_off_map': 'the map would grow too large',
     'pose_wrong_frame': 'the pose is in another frame than the others',
@@ -145,6 +147,7 @@ class RobotScan(NamedTuple):
 class _Queued(NamedTuple):
     scan: Scan
     arrived_s: float
+    again: bool = False  # of the stamp of the scan before it
 
 
 class ScanPlacer:
@@ -156,6 +159,10 @@ class ScanPlacer:
     last beam. Where a pose history falls silent, scans that see what the last placed one saw are
     placed where that was: the robot stands still. `on_drop(reason, scan or None)` is told of
     everything dropped.
+
+    Where it is `live` a scan of the same stamp as the one before it waits for the next stamp: by
+    when messages come it shows whether the clock stands still (`StillClocks`), and such scans
+    would all lie at one pose. For a recording that is known beforehand (`BagSurvey`).
     """
 
     def __init__(
@@ -166,9 +173,11 @@ class ScanPlacer:
         max_waiting: int = 1000,
         mounts: MountSource | None = None,
         deskew: str = 'off',
+        live: bool = False,
         on_drop: Callable[[str, Scan | None], None] | None = None,
     ) -> None:
         self.source = source
+        self.live = live
         self.timeout_s = timeout_s
         self.max_waiting = max_waiting
         self.mounts = mounts
@@ -180,6 +189,7 @@ class ScanPlacer:
         self._newest: Scan | None = None
         self._late: Recent[int] = Recent()  # by frame, in a row
         self._last_pose_s = -float('inf')
+        self._scan_clocks, self._pose_clock = StillClocks(), StillClocks()
         self._still = StandingStill()
         self.n_held = 0  # placed where the robot still stood
 
@@ -213,15 +223,22 @@ class ScanPlacer:
         self._last_stamp_ns[scan.frame_id] = scan.stamp_ns
         self._newest = scan
         self._late[scan.frame_id] = 0
+        again = self.live and self._scan_clocks.add(scan.frame_id, scan.stamp_ns, now_s)
+        if again and self._scan_clocks.stands(scan.frame_id, scan.stamp_ns):
+            self.drop('scan_unstamped', scan)
+            return
         if len(self._waiting) >= self.max_waiting:
             self.drop('queue_full', self._waiting.popleft().scan)
-        self._waiting.append(_Queued(scan, now_s))
+        self._waiting.append(_Queued(scan, now_s, again))
 
     def add_pose(self, stamp_ns: int, belief: PoseBelief, now_s: float = 0.0) -> None:
         """Take a pose into the history (only where the source is a `PoseHistory`)."""
         if not isinstance(self.source, PoseHistory):
             raise TypeError('this placer asks its source for poses; it does not take them')
         reason = self.source.add(stamp_ns, belief)
+        again = self.live and self._pose_clock.add('', stamp_ns, now_s)
+        if again and self._pose_clock.stands('', stamp_ns):
+            reason = 'pose_unstamped'
         if reason is None:
             self._last_pose_s = now_s
         else:
@@ -238,11 +255,11 @@ class ScanPlacer:
         waiting = list(self._waiting)
         self._waiting.clear()
         self._still.clear()
-        for scan, arrived_s in waiting:
-            if scan.stamp_ns > stamp_ns + RESTART_NS:
-                self.drop('before_restart', scan)
+        for queued in waiting:
+            if queued.scan.stamp_ns > stamp_ns + RESTART_NS:
+                self.drop('before_restart', queued.scan)
             else:
-                self._waiting.append(_Queued(scan, arrived_s))
+                self._waiting.append(queued)
         for frame, last in list(self._last_stamp_ns.items()):
             if last > stamp_ns + RESTART_NS:
                 del self._last_stamp_ns[frame]
@@ -255,6 +272,8 @@ class ScanPlacer:
         self._waiting.clear()
         self._last_stamp_ns.clear()
         self._newest = None
+        self._scan_clocks.clear()
+        self._pose_clock.clear()
         self.source.clear()
         self._still.clear()
 
@@ -265,19 +284,27 @@ class ScanPlacer:
     def placed(self, now_s: float = 0.0) -> Iterator[RobotScan]:
         """Yield every scan whose pose is known; drop what waited too long or has no place."""
         while self._waiting:
-            scan, arrived_s = self._waiting[0]
+            scan, arrived_s, again = self._waiting[0]
+            if again and self._scan_clocks.stands(scan.frame_id, scan.stamp_ns):
+                self._waiting.popleft()
+                self.drop('scan_unstamped', scan)
+                continue
+            if again and self._scan_clocks.may_stand(scan.frame_id, scan.stamp_ns, now_s):
+                return
             waited_s = now_s - arrived_s
             since_pose_s = now_s - max(arrived_s, self._last_pose_s)
             patient = since_pose_s <= self.timeout_s and waited_s <= PATIENCE * self.timeout_s
+            lacking = 'pose_timeout'
             try:
                 belief = self._belief(scan.stamp_ns, patient)
+                lacking = 'scan_no_mount'
                 mount = self._mount(scan, now_s)
                 way = self._way(scan, belief, patient)
             except Waiting:
                 if patient:
                     return
                 self._waiting.popleft()
-                yield from self._held('pose_timeout', scan, now_s)
+                yield from self._held(lacking, scan, now_s)
             except Unplaceable as reason:
                 self._waiting.popleft()
                 yield from self._held(str(reason), scan, now_s)

@@ -70,11 +70,8 @@ class TfPoses:
 
     def why_not(self, stamp_ns: int) -> str:
         """Return what is missing for a pose at a stamp; empty where nothing is."""
-        try:
-            self.tree.edges(self.map_frame, self.base_frame, stamp_ns, max_gap_ns=self.max_gap_ns)
-        except TransformError as error:
-            return str(error)
-        return ''
+        gap_ns = self.max_gap_ns
+        return self.tree.why_not(self.map_frame, self.base_frame, stamp_ns, max_gap_ns=gap_ns)
 
     def stands_at(self, belief: PoseBelief, stamp_ns: int) -> bool:
         """Return False: a transform that does not come says nothing."""

@@ -189,6 +189,16 @@ class TransformTree:
         """Return where `source` lies in `target` at a stamp. Raises TransformError."""
         return along(self.edges(target, source, stamp_ns, max_gap_ns=max_gap_ns))
 
+    def why_not(
+        self, target: str, source: str, stamp_ns: int, *, max_gap_ns: int | None = None
+    ) -> str:
+        """Return what is missing between two frames at a stamp; empty where nothing is."""
+        try:
+            self.edges(target, source, stamp_ns, max_gap_ns=max_gap_ns)
+        except TransformError as error:
+            return str(error)
+        return ''
+
     def edges(
         self, target: str, source: str, stamp_ns: int, *, max_gap_ns: int | None = None
     ) -> list[Edge]:

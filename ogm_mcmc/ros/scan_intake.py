@@ -20,6 +20,7 @@ from ogm_mcmc.engine.pose_history import PoseHistory
 from ogm_mcmc.engine.pose_watch import Corrections, RarePoses
 from ogm_mcmc.engine.range_codes import RangeCodes
 from ogm_mcmc.engine.scan_rhythm import NEVER_CAME, ScanRhythm
+from ogm_mcmc.engine.still_clocks import StillClocks
 from ogm_mcmc.engine.tf_poses import TfPoses
 from ogm_mcmc.engine.transform_tree import TransformTree
 from ogm_mcmc.errors import GridError, PoseError, ScanError
@@ -82,6 +83,7 @@ class ScanIntake:
         self._read_pose = pose_reader(settings.pose_source, with_covariance=with_covariance)
         self._rare_poses = RarePoses()
         self._rhythm = ScanRhythm()
+        self._tf_clocks = StillClocks()
         self._pose_topic: AnyReliability | None = None
         self._pose_frame = ''
 
@@ -100,7 +102,7 @@ class ScanIntake:
         )
         from_tf = settings.pose_source == 'tf'
         source: PoseSource = self.transforms if from_tf else PoseHistory()
-        self.placer = ScanPlacer(source, mounts=self.mounts, on_drop=self.on_drop)
+        self.placer = ScanPlacer(source, mounts=self.mounts, live=True, on_drop=self.on_drop)
         self.problems = Problems(node, lambda: self.placer.dropped + self._rhythm.missed)
         self.codes = RangeCodes(tell=node.get_logger().info)
         names = (TF_TOPIC, TF_STATIC_TOPIC) if from_tf else (settings.pose_source,)
@@ -262,8 +264,19 @@ class ScanIntake:
     def on_moving(self, entry: StampedTransform) -> None:
         """Notice that the past was corrected."""
         correction = self._corrections.add(entry, self.settings.correction_warning)
-        if correction and self.settings.pose_source == 'tf':
+        if self.settings.pose_source != 'tf':
+            return
+        if correction:
             self.problems.warn('map_corrected', correction)
+        again = self._tf_clocks.add(entry.child, entry.stamp_ns, time.monotonic())
+        if not again or not self._tf_clocks.stands(entry.child, entry.stamp_ns):
+            return
+        if entry.child in self.transforms.tree.ancestors(self.transforms.base_frame):
+            self.problems.warn(
+                'tf_unstamped',
+                f'transform {entry.parent} -> {entry.child} holds at {entry.stamp_ns / 1e9:.3f} s '
+                'only: its stamp has been the same for more than 1 s: a clock stands still',
+            )
 
     def on_transforms(self) -> None:
         """Pass on the scans that waited for transforms."""
@@ -330,7 +343,9 @@ class ScanIntake:
             return '; scans mapped before may lie wrong'
         if reason == 'scan_no_mount':
             told = 'from tf' if self.mount_topic is None else f'on {self._topic(MOUNT_TOPIC)}'
-            return f' ({self.transforms.base_frame} -> {scan.frame_id} is expected {told})'
+            base, frame = self.transforms.base_frame, scan.frame_id
+            why = self.transforms.tree.why_not(base, frame, scan.stamp_ns)
+            return f' ({base} -> {frame} is expected {told})' + (f'; {why}' if why else '')
         if reason == 'scan_bad_mount':
             return f': {self.mounts.faults.get(scan.frame_id, "")}'
         if reason not in POSE_MISSING:

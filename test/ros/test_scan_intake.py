@@ -2,6 +2,7 @@
 
 import importlib.util
 import math
+from types import SimpleNamespace
 
 import pytest
 
@@ -204,3 +205,39 @@ def test_one_of_several_robots_listens_to_its_own_transforms(monkeypatch):
         heard = {one.topic_name for one in robot.subscriptions}
         assert heard >= {'/tb1/tf', '/tb1/tf_static', '/tb1/scan'}
         assert not heard & {'/tf', '/tf_static', '/scan'}
+
+
+def test_clocks_that_stand_still_are_told_of(tf_bench, monkeypatch):
+    """Scans, transforms of the robot and of where its sensor sits."""
+    clock = SimpleNamespace(now_s=100.0)
+    patched = SimpleNamespace(monotonic=lambda: clock.now_s)
+    monkeypatch.setattr('ogm_mcmc.ros.scan_intake.time', patched)
+    taken = tf_bench(pose_source='tf', transform_timeout=1.0)
+    for k in range(30):
+        clock.now_s += 0.1
+        stamp_s = 5.0 + 0.1 * k
+        taken.tf(('map', 'odom', 5.0), ('odom', 'base_link', stamp_s, stamp_s))
+        taken.tf(('base_link', 'rear', 5.0))
+        taken.scan(5.0, (1.0 + 0.1 * k,), 'base_link')
+        taken.scan(stamp_s, (1.0 + 0.1 * k,), 'rear')
+    clock.now_s += 5.0
+    taken.intake.pass_on()
+    assert [one.scan.frame_id for one in taken.used] == ['base_link', 'rear']
+    assert taken.problems == {'scan_unstamped': 29, 'tf_unstamped': 19, 'pose_timeout': 29}
+    assert any(
+        'transform map -> odom holds at 5.000 s only' in said for said in taken.logs.of('warning')
+    )
+
+
+def test_a_scan_that_waited_for_its_mount_says_so(tf_bench, monkeypatch):
+    clock = SimpleNamespace(now_s=100.0)
+    patched = SimpleNamespace(monotonic=lambda: clock.now_s)
+    monkeypatch.setattr('ogm_mcmc.ros.scan_intake.time', patched)
+    taken = tf_bench(mount_source='tf', transform_timeout=1.0)
+    taken.tf(('base_link', 'laser', 1.0))
+    taken.intake.on_pose(pose(2.0))
+    taken.scan(2.0)
+    clock.now_s += 5.0
+    taken.intake.pass_on()
+    assert taken.problems == {'scan_no_mount': 1}
+    assert 'stamp 2.000 s is later than all of base_link -> laser' in taken.logs.of('warning')[-1]
