@@ -243,7 +243,7 @@ class OnlineMapper(ManagedNode):
         self.pipeline.reset()
         self.no_return = self._fresh_no_return()
         self.pipeline.configure(self._mapping())
-        self.intake.clear()
+        self.intake.clear(used)
         if self.kept is not None:
             self.kept.clear()
         if self.trajectory is not None:

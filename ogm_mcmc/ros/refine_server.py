@@ -317,12 +317,12 @@ class RefineServer(ManagedNode):
     def on_clear(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Forget the recorded scans, the poses and the refined map; publish an empty one."""
         forgotten = len(self.recording)
+        self.intake.clear(forgotten + self.recording.let_go.total())
         self.worker.clear()
         self._outdated = False
         self.recording.clear()
         self.corrector.clear()
         self.odometry.clear()
-        self.intake.clear()
         self.maps.clear(self.sampler.window.resolution)
         self.trajectory.clear(self.intake.settings.map_frame)
         response.success, response.message = True, f'forgot {forgotten} scans'

@@ -169,8 +169,12 @@ class ScanIntake:
         for source in (self.placer.source, self.transforms):
             limit_poses(source, placing)
 
-    def clear(self) -> None:
-        """Forget the waiting scans and the poses, not the counts."""
+    def clear(self, used: int = 0) -> None:
+        """Forget the waiting scans and the poses, not the counts.
+
+        used  how many scans the node forgets with them
+        """
+        self.counts['scans_forgotten'] += len(self.placer) + used
         self.placer.clear()
 
     # -- messages in ------------------------------------------------------------------------
@@ -363,6 +367,7 @@ class ScanIntake:
             'scans received': self.counts['scans_received'],
             'scans waiting': len(self.placer),
             'scans while paused': self.counts['scans_while_paused'],
+            'scans forgotten when asked to': self.counts['scans_forgotten'],
             'beams used': self.counts['beams_used'],
             'beams ignored': self.counts['beams_ignored'],
             'poses received': self.counts['poses_received'],

@@ -70,6 +70,7 @@ def test_scans_become_a_map_and_a_reset_forgets_it(mapper):
     assert probability(node, WALL) > 0.99 > 0.01 > probability(node, WAY)
     assert trigger(node.on_reset).message == 'forgot a map of 10 scans'
     assert node.pipeline.scans_used == 0
+    assert node.intake.values()['scans forgotten when asked to'] == 10
     walk(node, 1, first_s=20.0)
     assert node.pipeline.scans_used == 1
 

@@ -187,6 +187,7 @@ def test_refine_again_stop_and_clear(walks):
         observer.until(lambda: as_array(client.maps[-1]).shape == (1, 1))
         assert as_array(client.maps[-1]) == -1
         client.wait_for(scans_recorded=0, state='idle', sweeps=0)
+        client.wait_for(scans_received=2 * SCANS, scans_forgotten_when_asked_to=2 * SCANS)
         assert observer.call(GetMap, 'refine_server/get_map', GetMap.Request()).map.data == (
             array('b')
         )
