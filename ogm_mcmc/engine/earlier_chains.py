@@ -9,6 +9,7 @@ import numpy as np
 
 from ogm_mcmc.arrays import UInt8Array
 from ogm_mcmc.engine.warp import laid_on
+from ogm_mcmc.engine.window_changes import taken_before
 from ogm_mcmc.geometry import GridSpec, PlacedScan
 from ogm_mcmc.sampling import PosteriorSampler
 
@@ -51,6 +52,5 @@ class EarlierChains(NamedTuple):
 
     def know(self, taken: Sequence[PlacedScan], scans: Sequence[PlacedScan]) -> bool:
         """Return whether sweeps counted, with all but a tenth of these scans among those taken."""
-        names = {id(one.scan) for one in taken}
-        new = sum(id(one.scan) not in names for one in scans)
+        new = taken_before(taken, scans).count(None)
         return self.counted and 10 * new <= len(scans)

@@ -143,6 +143,16 @@ class PoseRefinement:
         """Whether nothing is left to do."""
         return self.estimator.finished
 
+    @property
+    def aligned(self) -> bool:
+        """Whether poses are what they will be; then standard deviations are drawn."""
+        return self.estimator.aligned
+
+    @property
+    def usable(self) -> bool:
+        """Whether poses are likely better than those given: aligned in squares of 0.4 m once."""
+        return self.estimator.usable
+
     def run(
         self, max_time_s: float = math.inf, cancelled: Callable[[], bool] = lambda: False
     ) -> Iterator[TrajectoryProgress]:

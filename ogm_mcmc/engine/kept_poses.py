@@ -1,62 +1,132 @@
-"""What poses hold for which scans, until they are forgotten."""
+"""What poses hold for which scans, until they are forgotten.
+
+A scan whose pose was estimated lies there. One that came since lies where the localizer has it,
+with the correction of the scan next to it in time: beside scans that moved it would double walls.
+Where any scan was placed anew, as by a corrected trajectory, what was estimated of it and of its
+neighbours no longer holds, and all lie as given until they are estimated anew.
+"""
 
 from __future__ import annotations
 
-import operator
+import math
+from bisect import bisect_left
 from collections.abc import Sequence
+from typing import NamedTuple
 
 from ogm_mcmc.config import PosesConfig
-from ogm_mcmc.engine.beam_times import BentScans
-from ogm_mcmc.engine.joint_poses import (
-    PoseRefinement,
-    PosesChoice,
-    RefinedTrajectory,
-    choose_joint,
-)
-from ogm_mcmc.engine.odometry import OdometryAt
-from ogm_mcmc.geometry import PlacedScan
+from ogm_mcmc.engine.joint_poses import PosesChoice, RefinedTrajectory, choose_joint
+from ogm_mcmc.geometry import PlacedScan, Pose2D
+from ogm_mcmc.trajectory.points import wrapped, xyyaw
 
-__all__ = ['KeptPoses']
+__all__ = ['EstimatedPoses', 'KeptPoses']
+
+
+class EstimatedPoses(NamedTuple):
+    """Scans as they were `given`, `placed` where they are now, in the same order.
+
+    `said`: lines for the log about what was found by the way.
+    """
+
+    given: Sequence[PlacedScan]
+    placed: list[PlacedScan]
+    trajectory: RefinedTrajectory
+    said: tuple[str, ...] = ()
+
+    def said_of(self, seconds: float) -> str:
+        """Return a line for the log: after how long they are used, and how far scans moved."""
+        moved = wrapped(
+            xyyaw([one.pose for one in self.placed]) - xyyaw([one.pose for one in self.given])
+        )
+        x, y, turn = (moved**2).mean(axis=0)
+        return (
+            f'poses joint after {seconds:.1f} s: {len(self.given)} scans moved by '
+            f'{100.0 * math.sqrt(x + y):.1f} cm and {math.degrees(math.sqrt(turn)):.2f} degrees '
+            '(root mean squares); sampling goes on there'
+        )
+
+
+class _Held(NamedTuple):
+    given: PlacedScan
+    placed: PlacedScan
 
 
 class KeptPoses:
-    """Poses of the scans asked for: refined once for the same scans, gone on with if need be."""
+    """Poses of scans as they were estimated last, and whether they are to be."""
 
-    def __init__(self, config: PosesConfig, odometry: OdometryAt | None) -> None:
-        self.config, self.odometry = config, odometry
-        self._bent = BentScans()
-        self.scans: Sequence[PlacedScan] = ()
-        self.refinement: PoseRefinement | None = None
-        self.placed: list[PlacedScan] = []
-        self.trajectory: RefinedTrajectory | None = None
+    def __init__(self, config: PosesConfig) -> None:
+        self.config = config
         self.joint: bool | None = None  # as chosen last
+        self.trajectory: RefinedTrajectory | None = None
+        # By belief: a scan that was read anew, with the belief it had, is where it was.
+        self._held: dict[int, _Held] = {}
+        self._corrections: list[tuple[int, Pose2D]] = []  # by stamp, ns: map as given to map now
 
     def choose(self, scans: Sequence[PlacedScan], resolution_m: float) -> PosesChoice:
         """Decide whether poses of scans are estimated: as before, unless that is clearly wrong.
 
-        Where they are not, no trajectory of before is left.
+        Where they are not, no poses of before are left; where they are, those of these scans.
         """
         choice = choose_joint(scans, self.config, resolution_m, self.joint)
-        self.joint = choice.joint
         if not choice.joint:
-            self.trajectory = None
+            self._let_go()
+        asked = {id(one.belief) for one in scans}
+        self._held = {key: one for key, one in self._held.items() if key in asked}
+        self.joint = choice.joint
         return choice
 
-    def take(self, scans: Sequence[PlacedScan]) -> PoseRefinement:
-        """Return what refines the poses of these scans; that of before where they are the same."""
-        same = len(scans) == len(self.scans) and all(map(operator.is_, scans, self.scans))
-        if self.refinement is None or not same:
-            settings = self.config.trajectory
-            self.refinement = PoseRefinement(scans, settings, self.odometry, self._bent)
-            self.scans = scans
-        return self.refinement
+    def keep(self, found: EstimatedPoses) -> None:
+        """Hold these poses, and none of before; scans that lie as before stay the same objects."""
+        pairs = [self._renewed(*pair) for pair in zip(found.given, found.placed, strict=True)]
+        self._held = {id(one.given.belief): one for one in pairs}
+        self.trajectory = found.trajectory
+        corrections = {
+            one.given.scan.stamp_ns: one.placed.pose.compose(one.given.pose.inverse())
+            for one in pairs
+        }
+        self._corrections = sorted(corrections.items(), key=lambda one: one[0])
 
-    def keep(self) -> None:
-        """Take over the poses as they are now."""
-        assert self.refinement is not None
-        self.placed, self.trajectory = self.refinement.placed(), self.refinement.trajectory()
+    def placed(self, scans: Sequence[PlacedScan]) -> list[PlacedScan]:
+        """Return given scans where they are now; the same objects for the same scans."""
+        if not self._held:
+            return list(scans)
+        known = {(one.given.scan.frame_id, one.given.scan.stamp_ns) for one in self._held.values()}
+        new = [one for one in scans if self._found(one) is None]
+        if any((one.scan.frame_id, one.scan.stamp_ns) in known for one in new):
+            self._let_go()
+            return list(scans)
+        for one in new:
+            pose = self._correction(one.scan.stamp_ns).compose(one.pose)
+            placed = PlacedScan(one.scan, one.belief.carried_to(pose))
+            self._held[id(one.belief)] = _Held(one, placed)
+        return [self._placed(one) for one in scans]
+
+    def _renewed(self, given: PlacedScan, placed: PlacedScan) -> _Held:
+        old = self._found(given)
+        if old is not None and old.placed.scan is placed.scan and old.placed.pose == placed.pose:
+            return old
+        return _Held(given, placed)
+
+    def _found(self, given: PlacedScan) -> _Held | None:
+        held = self._held.get(id(given.belief))
+        return held if held is not None and held.given.belief is given.belief else None
+
+    def _placed(self, given: PlacedScan) -> PlacedScan:
+        held = self._held[id(given.belief)]
+        if held.given.scan is not given.scan:
+            held = _Held(given, PlacedScan(given.scan, held.placed.belief))
+            self._held[id(given.belief)] = held
+        return held.placed
+
+    def _correction(self, stamp_ns: int) -> Pose2D:
+        """Return what takes a pose as given at a stamp to where it is now, as next to it."""
+        at = bisect_left(self._corrections, stamp_ns, key=lambda one: one[0])
+        near = self._corrections[max(at - 1, 0) : at + 1]
+        return min(near, key=lambda one: abs(one[0] - stamp_ns))[1]
+
+    def _let_go(self) -> None:
+        self._held, self._corrections, self.trajectory = {}, [], None
 
     def forget(self) -> None:
         """Leave no poses of before, and no choice."""
-        self.scans, self.refinement, self.placed, self.trajectory = (), None, [], None
-        self.joint, self._bent = None, BentScans()
+        self._let_go()
+        self.joint = None

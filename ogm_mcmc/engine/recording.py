@@ -10,14 +10,11 @@ all when the scans come, beside 0.9 s for the index (5 cm, CPU time, on a busy m
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
-
-import numpy as np
 
 from ogm_mcmc.config import ForwardModelConfig, RecordingConfig, SamplerConfig
 from ogm_mcmc.engine.coverage import Coverage
@@ -28,7 +25,7 @@ from ogm_mcmc.errors import GridError
 from ogm_mcmc.geometry import CellBox, PlacedScan, Pose2D, Scan, wrap_angle
 from ogm_mcmc.sampling import RayWindow, WindowSize
 
-__all__ = ['LET_GO', 'Recording', 'fingerprint']
+__all__ = ['LET_GO', 'Recording']
 
 NS_PER_S = 1_000_000_000
 
@@ -88,6 +85,7 @@ class Recording:
             self._window = _measuring(sampler, 'clear' if asked == 'auto' else asked)
         self._sampler = sampler  # with the model of the beams that was found last
         self._no_return = '' if self._window is None else self._window.config.no_return
+        self._unmeasured: tuple[str, ForwardModelConfig] | None = None  # what scans cannot be by
         self._scans: deque[_Kept] = deque()
         self._last: Recent[Pose2D] = Recent()  # where each sensor was when its last scan came in
 
@@ -116,11 +114,17 @@ class Recording:
             sure = no_return.asked != 'auto' or no_return.found.doubtful
             value = no_return.value if sure else 'clear'
         found = before if model is None or alike(model, before) else model
-        if value == self._no_return and found is before:
+        if (value, found) in ((self._no_return, before), self._unmeasured):
             return
-        self._no_return, self._sampler = value, replace(self._sampler, model=found)
-        self._window = _measuring(self._sampler, value)
-        self._keep([_Kept(old.placement, self._size_of(old.placement)) for old in self._scans], '')
+        sampler = replace(self._sampler, model=found)
+        window = _measuring(sampler, value)
+        try:
+            sizes = [window.size_of(old.placement) for old in self._scans]
+        except GridError:  # all stays: who samples them so is told why that cannot be
+            self._unmeasured = value, found
+            return
+        self._no_return, self._sampler, self._window = value, sampler, window
+        self._keep([o._replace(size=n) for o, n in zip(self._scans, sizes, strict=True)], '')
         self._obey_limits()
 
     def configure(self, config: RecordingConfig) -> None:
@@ -356,7 +360,7 @@ class Recording:
         self.let_go.clear()
         self.coverage = Coverage()
         self.n_rays = self.n_bytes = self._full_at = 0
-        self.size = NOTHING
+        self.size, self._unmeasured = NOTHING, None
 
 
 def _measuring(sampler: SamplerConfig, no_return: str) -> RayWindow:
@@ -376,24 +380,3 @@ def _box_around(scans: Iterable[_Kept]) -> CellBox:
 def _on_border(inner: CellBox, outer: CellBox) -> bool:
     """Whether a box might be smaller without another one in it."""
     return not inner.empty and any(a == b for a, b in zip(inner, outer, strict=True))
-
-
-def fingerprint(scans: Sequence[PlacedScan]) -> str:
-    """Return a digest of everything in the scans and poses that decides the posterior."""
-    digest = hashlib.sha256()
-    for scan, belief in scans:
-        pose = belief.mean
-        numbers = (
-            scan.angle_min_rad,
-            scan.angle_increment_rad,
-            scan.range_min_m,
-            scan.range_max_m,
-            pose.x_m,
-            pose.y_m,
-            pose.yaw_rad,
-        )
-        digest.update(np.array(numbers, np.float64).tobytes())
-        digest.update(scan.ranges_m.tobytes())
-        if scan.bearings_rad is not None:
-            digest.update(scan.bearings_rad.tobytes())
-    return digest.hexdigest()

@@ -65,10 +65,11 @@ class WorkerStatus(NamedTuple):
 
     `chain_sweeps`: of the chains that are here, whatever scans they saw; a new order goes on from
     them, also one that comes while an index is built. `left_out`: scans of the order that the
-    index had no room for; `model`: of beams, as they were found last.
+    index had no room for; `model`: of beams, as they were found last. `poses_of_map` says at which
+    poses chains are, `poses` how far joint ones are.
     """
 
-    state: str = 'idle'  # idle, refining poses, indexing, sampling
+    state: str = 'idle'  # idle, indexing, sampling, refining poses: nothing else is left to do
     scans: int = 0
     left_out: int = 0
     rays: int = 0
@@ -79,6 +80,7 @@ class WorkerStatus(NamedTuple):
     no_return: NoReturnChoice | None = None
     model: ForwardModelConfig | None = None
     poses: TrajectoryProgress | None = None
+    poses_of_map: str = ''
     stopped: str = ''
     error: str = ''
     chain_sweeps: int = 0

@@ -22,6 +22,7 @@ from ogm_mcmc.arrays import BoolArray, Float32Array
 from ogm_mcmc.config import SamplerConfig, StopConfig, flatten
 from ogm_mcmc.engine.completed_map import Beside
 from ogm_mcmc.engine.earlier_chains import EarlierChains
+from ogm_mcmc.engine.fingerprint import fingerprint
 from ogm_mcmc.engine.live_map import (
     cells_on,
     check_lattice,
@@ -33,7 +34,6 @@ from ogm_mcmc.engine.no_returns import NoReturnChoice, NoReturns, no_return_of
 from ogm_mcmc.engine.posterior import Grown, patch_prior, posterior_model, size_of, window_of
 from ogm_mcmc.engine.progress import IndexSize, Progress
 from ogm_mcmc.engine.range_spread import blur_of
-from ogm_mcmc.engine.recording import fingerprint
 from ogm_mcmc.engine.sampling_rounds import SamplingRounds
 from ogm_mcmc.engine.saved_chains import (
     FINGERPRINT,

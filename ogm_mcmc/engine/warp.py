@@ -31,6 +31,7 @@ import numpy as np
 from ogm_mcmc.arrays import BoolArray, UInt8Array
 from ogm_mcmc.engine.corrections import MOVED_CELLS, furthest_way
 from ogm_mcmc.engine.warp_kernels import mark_moved
+from ogm_mcmc.engine.window_changes import taken_before
 from ogm_mcmc.geometry import GridSpec, PlacedScan
 
 __all__ = ['laid_on', 'moved_cells']
@@ -62,8 +63,8 @@ def moved_cells(
     pose): those where a scan came to, and those where it was before. No reading by more than a
     quarter of a cell, `MOVED_CELLS`, is no move: joint poses differ a little at every look.
     """
-    by_scan = {id(one.scan): one for one in taken}
-    pairs = [(by_scan[id(one.scan)], one) for one in placed if id(one.scan) in by_scan]
+    olds = taken_before(taken, placed)
+    pairs = [(old, new) for old, new in zip(olds, placed, strict=True) if old is not None]
     nearly = MOVED_CELLS * spec.resolution_m
     moved = [old.pose != new.pose and furthest_way(old, new.pose) > nearly for old, new in pairs]
     if not any(moved):

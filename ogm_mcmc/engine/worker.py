@@ -13,20 +13,24 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import NamedTuple
 
 from ogm_mcmc.config import PosesConfig, SamplerConfig, StopConfig
 from ogm_mcmc.engine.handing_over import map_now
-from ogm_mcmc.engine.kept_poses import KeptPoses
-from ogm_mcmc.engine.kept_samples import MOST_SAMPLES, KeptSamples
-from ogm_mcmc.engine.odometry import OdometryAt, said_odometry
+from ogm_mcmc.engine.kept_poses import EstimatedPoses, KeptPoses
+from ogm_mcmc.engine.kept_samples import MOST_SAMPLES
+from ogm_mcmc.engine.odometry import OdometryAt
+from ogm_mcmc.engine.orders import Order, Orders
+from ogm_mcmc.engine.poses_beside import PosesBeside
 from ogm_mcmc.engine.progress import Progress
 from ogm_mcmc.engine.recording import Recording
 from ogm_mcmc.engine.refined_map import RefinedMap, WorkerStatus
 from ogm_mcmc.engine.refinement import Refinement
 from ogm_mcmc.engine.state_file import StateFile
-from ogm_mcmc.errors import OgmError, WindowFullError
+from ogm_mcmc.engine.thinning import taken_that_fit
+from ogm_mcmc.engine.warm_chains import WarmChains
+from ogm_mcmc.errors import OgmError
 from ogm_mcmc.geometry import PlacedScan
 
 __all__ = ['RefineWorker']
@@ -41,22 +45,22 @@ ENOUGH = 16
 # Once scans were placed anew the map of before is worse than that of so many sweeps.
 SOON = 5
 
-# Building an index cannot be interrupted, and half of one is of no use: it is not waited for.
-LEAVE_INDEXING_S = 1.0
+# While poses are estimated chains at those given rest from so many counted sweeps on: their map
+# changes little by then, and the processor is for the poses.
+RESTS_AT = 32
+LOOK_S = 0.5  # how often it is said how far poses are meanwhile
 
-
-class _Order(NamedTuple):
-    """Scans to sample, and when to stop; what chooses among them where there is no room."""
-
-    scans: Sequence[PlacedScan]
-    stop: StopConfig
-    kept: Recording | None = None
+# Building an index, or a step of poses, cannot be interrupted, and half of one is of no use: it is
+# not waited for.
+LEAVE_S = 1.0
 
 
 class RefineWorker:
     """Samples the scans of the last order until a limit, a newer order, `stop` or `close`.
 
-    With joint poses these are refined first, for half of the time at most.
+    With joint poses the first map is that at the poses given. Joint ones are estimated beside, for
+    half of the time at most; when they are there chains go on at them, and limits of sweeps count
+    from there.
     """
 
     def __init__(
@@ -80,22 +84,14 @@ class RefineWorker:
         self.status = WorkerStatus()
         self.result: RefinedMap | None = None
         self.failure: BaseException | None = None
-        self._refinement = Refinement(config)
         self._state = StateFile(state_file, self.log, self.warn)
-        self._kept = KeptSamples(samples)
-        self._poses = KeptPoses(PosesConfig() if poses is None else poses, odometry)
+        self._chains = WarmChains(config, samples, self._state, self.log)
+        settings = PosesConfig() if poses is None else poses
+        self._poses = KeptPoses(settings)
         self._handed_over = 0
-        self._said_no_return: tuple[str, str] | None = None  # what was asked, what it came to
         self._said_joint: bool | None = None
-        self._earlier_sweeps = 0  # of these chains with scans of before
-        self._changed = threading.Condition()  # of a re-entrant lock
-        # Guarded by the condition:
-        self._order: _Order | None = None
-        self._at_work: _Order | None = None
-        self._cancel = ''  # why the order at work shall end
-        self._save = False
-        self._forget = False
-        self._closing = False
+        self._orders = Orders()
+        self._beside = PosesBeside(settings.trajectory, odometry, self._orders.tell)
         self._thread = threading.Thread(target=self._run, name='refine', daemon=True)
         self._thread.start()
 
@@ -109,11 +105,11 @@ class RefineWorker:
         Of their recording, `kept`, a copy lets scans go where an index of all has no room.
         """
         copy = None if kept is None else kept.copy()
-        return self._leave(_Order(scans, stop, copy), 'refined again')
+        return self._orders.leave(Order(scans, stop, copy), 'refined again')
 
     def stop(self) -> bool:
         """End sampling, with a last map; return whether there was any."""
-        return self._leave(None, 'stopped')
+        return self._orders.leave(None, 'stopped')
 
     @property
     def unsaved(self) -> str:
@@ -123,43 +119,31 @@ class RefineWorker:
     @property
     def wanted(self) -> bool:
         """Whether somebody waits for a result: there is an order, and nobody ended it."""
-        with self._changed:
-            return self._order is not None or (self._at_work is not None and not self._cancel)
+        return self._orders.wanted
 
     def clear(self) -> None:
         """End sampling and forget scans, chains and map."""
-        with self._changed:
-            self._leave(None, 'cleared')
-            self._forget, self.result = True, None
-
-    def _leave(self, order: _Order | None, reason: str) -> bool:
-        with self._changed:
-            busy = self._at_work is not None
-            some = busy or self._order is not None
-            self._order = order
-            if busy:
-                self._cancel = reason
-            self._changed.notify()
-            return some
+        with self._orders.changed:
+            self._orders.leave(None, 'cleared')
+            self._orders.forget, self.result = True, None
 
     def save_state(self) -> None:
         """Have the state file written at the next break."""
-        with self._changed:
-            self._save = self._state.path is not None
-            self._changed.notify()
+        self._orders.save = self._state.path is not None
+        self._orders.tell()
 
     def close(self) -> None:
         """End sampling, with a last map and the state file, and end the thread.
 
         One that builds an index is left behind: it ends with the process.
         """
-        with self._changed:
-            self._closing = True
-            self._leave(None, 'shut down')
+        with self._orders.changed:
+            self._orders.closing = True
+            self._orders.leave(None, 'shut down')
         began = time.monotonic()
         while self.running and time.monotonic() - began < JOIN_S:
             self._thread.join(0.05)
-            if self.status.state == 'indexing' and time.monotonic() - began > LEAVE_INDEXING_S:
+            if self.status.state == 'indexing' and time.monotonic() - began > LEAVE_S:
                 self.log('stopped while the index was being built')
                 return
 
@@ -167,6 +151,14 @@ class RefineWorker:
     def running(self) -> bool:
         """Whether the thread is there."""
         return self._thread.is_alive()
+
+    @property
+    def _cancel(self) -> str:
+        return self._orders.cancel
+
+    @property
+    def _refinement(self) -> Refinement:
+        return self._chains.refinement
 
     # -- the thread's side ------------------------------------------------------------------
 
@@ -177,29 +169,27 @@ class RefineWorker:
         try:
             while self._take_order():
                 self._carry_out()
+                self._beside.end()
         except BaseException as error:  # the node raises it where it is seen
             self.failure = error
+        self._beside.close(LEAVE_S)
 
     def _take_order(self) -> bool:
         """Wait for something to do; False: the end."""
-        with self._changed:
-            self._at_work, self._cancel = None, ''
-            self._changed.wait_for(
-                lambda: self._order or self._save or self._forget or self._closing
-            )
-            if self._forget:
-                self._forget = False
-                self._refinement, self.status = Refinement(self.config), WorkerStatus()
-                self._earlier_sweeps = 0
+        with self._orders.changed:
+            self._orders.wait()
+            if self._orders.forget:
+                self._orders.forget = False
+                self.status = WorkerStatus()
+                self._chains.forget()
                 self._poses.forget()
-                self._kept.clear()
-            self._at_work, self._order = self._order, None
-            return self._at_work is not None or self._save or not self._closing
+                self._beside.forget()
+            return self._orders.take()
 
     def _carry_out(self) -> None:
-        if self._save:
+        if self._orders.save:
             self._write_state()
-        order = self._at_work
+        order = self._orders.at_work
         if order is None:
             return
         try:
@@ -207,9 +197,7 @@ class RefineWorker:
         except OgmError as error:
             self._failed(str(error))
         except MemoryError:
-            # The index may be half grown.
-            self._refinement, self._earlier_sweeps = Refinement(self.config), 0
-            self._kept.clear()
+            self._chains.begin_anew()
             self.status = self.status._replace(chain_sweeps=0)
             self._failed(f'no memory to sample {len(order.scans)} scans: expected more')
 
@@ -220,52 +208,112 @@ class RefineWorker:
         self.status = self.status._replace(no_return=found[0], model=found[1])
         self.status = self.status._replace(state='idle', stopped='error', error=text)
 
-    def _sample(self, order: _Order) -> None:
-        scans, stop = order.scans, order.stop
-        self.status = WorkerStatus('indexing', scans=len(scans), chain_sweeps=self._sweeps())
-        if self._are_joint(scans):
-            began = time.monotonic()
-            scans = self._refine_poses(order)
-            if self._cancel not in ('', 'stopped'):
-                self.status = self.status._replace(state='idle', stopped=self._cancel)
+    def _sample(self, order: Order) -> None:
+        self.status = WorkerStatus(
+            'indexing', scans=len(order.scans), chain_sweeps=self._chains.sweeps
+        )
+        if self._are_joint(order.scans):
+            self._beside.begin(order.scans, 0.5 * order.stop.max_time)
+        taken = self._take_kept(order, time.monotonic() + order.stop.max_time)
+        began = time.monotonic()
+        while taken is not None:
+            order, progress = taken, self._advance(taken, began)
+            taken, over = self._at_poses_found(order, progress, began)
+            if over:
+                self._end(order, progress)
                 return
-            left = stop.max_time - (time.monotonic() - began)
-            stop = replace(stop, max_time=max(left, LEAST_S))
-        self.status = self.status._replace(state='indexing')
+
+    def _advance(self, order: Order, began: float) -> Progress:
+        """Sample until a limit, for what is left of the time, or until poses want a look."""
         refinement = self._refinement
-        order = order._replace(scans=self._take_kept(scans, order.kept))
-        left_out = len(scans) - len(order.scans)
         assert refinement.sampler is not None
         self.status = self.status._replace(
             state='sampling',
             scans=len(order.scans),
-            left_out=left_out,
+            left_out=order.left_out,
             rays=refinement.size.n_rays,
             merged=refinement.size.n_merged,
             sensor=refinement.sensor,
             no_return=refinement.no_return,
             # Who keeps scans lets the same go.
-            model=order.kept.model if left_out and order.kept else refinement.model_found,
+            model=order.kept.model if order.left_out and order.kept else refinement.model_found,
             n_bytes=refinement.size.n_bytes + refinement.sampler.n_bytes,
-            chain_sweeps=self._sweeps(),
+            chain_sweeps=self._chains.sweeps,
         )
+        left_s = max(order.stop.max_time - (time.monotonic() - began), LEAST_S)
         next_map_at = time.monotonic()
-        for progress in refinement.run(stop, lambda: bool(self._cancel)):
-            self.status = self.status._replace(progress=progress, chain_sweeps=self._sweeps())
+        for progress in refinement.run(replace(order.stop, max_time=left_s), self._interrupted):
+            progress = progress._replace(seconds=time.monotonic() - began)
+            self.status = self.status._replace(
+                progress=progress,
+                chain_sweeps=self._chains.sweeps,
+                poses=self._beside.progress,
+                poses_of_map=self._poses_of_map(),
+            )
             if progress.counted > 0:
-                self._kept.add(refinement.sampler)
+                self._chains.kept.add(refinement.sampler)
             if progress.reason:
                 break
-            if self._save:
+            if self._orders.save and not self._beside.moves:
                 self._write_state()
-            if time.monotonic() >= next_map_at:
-                self._hand_over(order, progress, final=False)
+            due = time.monotonic() >= next_map_at
+            if due and self._hand_over(order, progress, final=False):
                 next_map_at = time.monotonic() + self.map_every_s
-        self._end(order, progress)
+        return progress
 
-    def _sweeps(self) -> int:
-        sampler = self._refinement.sampler
-        return self._earlier_sweeps + (0 if sampler is None else sampler.sweeps)
+    def _interrupted(self) -> bool:
+        sampler, beside = self._refinement.sampler, self._beside
+        rests = beside.moves and sampler is not None and sampler.counted >= RESTS_AT
+        return bool(self._cancel) or beside.found or rests
+
+    # -- poses that are estimated meanwhile -------------------------------------------------
+
+    def _at_poses_found(
+        self, order: Order, progress: Progress, began: float
+    ) -> tuple[Order | None, bool]:
+        """Take scans where poses put them; return what to go on with, and whether it is over."""
+        over = progress.reason != 'cancelled'
+        until = began + order.stop.max_time
+        while progress.reason != 'time' and (found := self._found_poses(until, wait=over)):
+            self._poses.keep(found)
+            if not self._refinement.holds(self._poses.placed(order.scans)):
+                return self._go_on_at(order, found, began), False
+        return order, over or bool(self._cancel) or time.monotonic() >= until
+
+    def _found_poses(self, until: float, *, wait: bool) -> EstimatedPoses | None:
+        """Return poses once found; wait for them, or only where they may be others yet."""
+        beside = self._beside
+
+        def seen() -> bool:
+            return beside.found or not beside.awaited or bool(self._cancel)
+
+        while (left_s := until - time.monotonic()) > 0.0 and not seen() and (wait or beside.moves):
+            self.status = self.status._replace(state='refining poses', poses=beside.progress)
+            with self._orders.changed:
+                self._orders.changed.wait_for(seen, min(LOOK_S, left_s))
+        if self._cancel or not beside.found:
+            return None
+        try:
+            return beside.take()
+        except (OgmError, MemoryError) as error:
+            self.warn(f'poses not estimated: {str(error) or "no memory"}')
+            return None
+
+    def _go_on_at(self, order: Order, found: EstimatedPoses, began: float) -> Order | None:
+        """Take scans where they are now; return those taken."""
+        self.status = self.status._replace(state='indexing', poses=self._beside.progress)
+        taken = self._take_kept(order, began + order.stop.max_time)
+        if taken is not None:
+            self.log(found.said_of(time.monotonic() - began))
+            for line in found.said:
+                self.log(line)
+        return taken
+
+    def _poses_of_map(self) -> str:
+        if not self._poses.joint:
+            return 'as given'
+        here = 'as given' if self._poses.trajectory is None else 'joint'
+        return f'{here}; joint ones are being estimated' if self._beside.moves else here
 
     def _are_joint(self, scans: Sequence[PlacedScan]) -> bool:
         """Return whether poses are estimated; where not, none are left from before."""
@@ -275,94 +323,73 @@ class RefineWorker:
             self._said_joint = choice.joint
         return choice.joint
 
-    def _refine_poses(self, order: _Order) -> Sequence[PlacedScan]:
-        """Return the scans where they are after half of the time, or when all is done."""
-        self.status = self.status._replace(state='refining poses')
-        poses = self._poses
-        refinement, moved = poses.take(order.scans), False
-        for progress in refinement.run(0.5 * order.stop.max_time, lambda: bool(self._cancel)):
-            self.status = self.status._replace(poses=progress)
-            moved = True
-        if moved:
-            poses.keep()
-            if refinement.finished and poses.config.trajectory.odometry:
-                steps, scale = refinement.wheels, refinement.odometry_scale
-                self.log(said_odometry('the robot', steps, len(order.scans), scale))
-            if refinement.finished and (said := refinement.said_beam_times()):
-                self.log(said)
-        return poses.placed
+    def _take_kept(self, order: Order, until: float) -> Order | None:
+        """Take the scans where they lie now, or those of them that an index has room for.
 
-    def _take_kept(
-        self, scans: Sequence[PlacedScan], kept: Recording | None
-    ) -> Sequence[PlacedScan]:
-        """Take scans, or those of them that an index has room for; return these.
-
-        They are kept by what beams were found to be like before: these may err more.
+        Returns the order of these; None where it was ended before there was room.
         """
+        scans, kept = order.scans, order.kept
+        placed: Sequence[PlacedScan] = self._poses.placed(scans)
+        given = {id(one): of for one, of in zip(placed, scans, strict=True)}
         if kept is None:
-            self._take(scans)
-            return scans
-        found, asked = self._refinement, len(scans)
-        while True:
-            try:
-                self._take(scans, whole=True)
-                break
-            except WindowFullError:
-                fewer = kept.fewer(scans, found.no_return_found, found.model_found)
-                if len(fewer) == len(scans):
-                    raise
-                scans = fewer
-        if len(scans) < asked:
-            self.warn(f'{len(scans)} of {asked} scans sampled: window.max_memory_mb is too small')
-        return scans
+            self._chains.take(placed, moves=self._beside.moves)
+            return order
 
-    def _take(self, scans: Sequence[PlacedScan], *, whole: bool = False) -> None:
-        refinement = self._refinement
-        if refinement.holds(scans):
-            return  # the chains go on and what they counted stays
-        fresh = refinement.sampler is None
-        # No name is given to the sampler: its index may have to go before there is another one.
-        earlier_sweeps = 0 if refinement.sampler is None else refinement.sampler.sweeps
-        refinement.take(scans, whole=whole)
-        # The share of beams in the text is another one with every scan.
-        choice = refinement.no_return
-        decided = choice.asked, choice.value
-        if str(choice) and decided != self._said_no_return:
-            self.log(str(choice))
-            self._said_no_return = decided
-        self._kept.clear()
-        self._earlier_sweeps += earlier_sweeps
-        if fresh:
-            self._state.resume(refinement, scans, whole=whole)
+        def ended() -> bool:
+            return bool(self._cancel) or time.monotonic() >= until
 
-    def _end(self, order: _Order, progress: Progress) -> None:
-        reason = (self._cancel or 'stopped') if progress.reason == 'cancelled' else progress.reason
+        take = partial(self._chains.take, whole=True, moves=self._beside.moves)
+        taken = taken_that_fit(self._refinement, take, placed, kept, ended)
+        if taken is None:
+            reason = self._cancel or 'time'
+            self.log(f'ended while scans were chosen that an index has room for ({reason})')
+            self.status = self.status._replace(state='idle', stopped=reason)
+            return None
+        left_out = order.left_out + len(scans) - len(taken)
+        if len(taken) < len(scans):
+            asked = len(taken) + left_out
+            self.warn(f'{len(taken)} of {asked} scans sampled: window.max_memory_mb is too small')
+        return order._replace(scans=[given[id(one)] for one in taken], left_out=left_out)
+
+    def _end(self, order: Order, progress: Progress) -> None:
+        reason = (self._cancel or 'time') if progress.reason == 'cancelled' else progress.reason
         replaced = reason == 'refined again'
         if not replaced or progress.counted >= ENOUGH or self.result is None:
             self._hand_over(order, progress, final=not replaced)
-        if reason not in ('cleared', 'refined again'):
+        # Chains that would not go on at other poses leave the file to those that did.
+        if reason not in ('cleared', 'refined again') and not self._beside.moves:
             self._write_state()
         if reason not in ('refined again', 'cleared', 'shut down'):
             self.log(f'{progress.said(len(order.scans))} ({reason})')
-        self.status = self.status._replace(state='idle', stopped=reason)
+            if self._poses.joint and self._poses.trajectory is None:
+                self.log('the map lies at the poses given: joint ones were not there in time')
+        self.status = self.status._replace(
+            state='idle',
+            stopped=reason,
+            poses=self._beside.progress,
+            poses_of_map=self._poses_of_map(),
+        )
 
-    def _hand_over(self, order: _Order, progress: Progress, *, final: bool) -> None:
+    def _hand_over(self, order: Order, progress: Progress, *, final: bool) -> bool:
+        """Hand over the map as it is; return whether it is better than that of before."""
         wrong = self._refinement.corrected and progress.sweeps >= SOON
-        if progress.counted == 0 and self.result is not None and not wrong:
-            return  # a map from before is better than the first sweeps of new chains
+        if progress.counted == 0 and self.result is not None and not (wrong or self._chains.shown):
+            return False  # a map from before is better than the first sweeps of new chains
         result = map_now(
             self._refinement,
-            self._kept,
+            self._chains.kept,
             order.scans,
             self._poses.trajectory,
             number=self._handed_over + 1,
             final=final,
         )
-        with self._changed:
-            if self._forget:
-                return
+        with self._orders.changed:
+            if self._orders.forget:
+                return False
             self._handed_over, self.result = result.number, result
+            self._chains.shown = True
+        return True
 
     def _write_state(self) -> None:
-        self._save = False
+        self._orders.save = False
         self._state.write(self._refinement)

@@ -126,6 +126,8 @@ class TrajectoryRefinement:
         self._said = self.factors = factors
         self.move_scales = np.ones(factors.moves.n_sources)
         self.poses = self.factors.mean.copy()
+        # Aligned in squares that are fine enough to be worth it; with nothing left but draws.
+        self.usable = self.aligned = False
         self.deviations: list[Float64Array] = []
         # How much poses are held by points and how these err, see `curvature`.
         self.held = self.shown = self.together = math.nan
@@ -211,6 +213,8 @@ class TrajectoryRefinement:
                 self.factors = self._rescaled(blocks, stage)
             if self.config.correlation < 0.0 and stage.side_m <= RESCALED_FROM_M:
                 self.factors = self.factors.correlated(self.poses, blocks)
+            if step + 1 == stage.steps and stage.side_m <= RESCALED_FROM_M:
+                self.usable = True
             yield self._progress('aligned', stage.side_m, self.poses - before)
 
     def _time_beams(self, system: SurfelSystem, poses: Float64Array, held: float) -> None:
@@ -277,6 +281,7 @@ class TrajectoryRefinement:
         # Less than single scans show is not believed of stretches.
         self.together = max(math.sqrt(float(np.mean(of_stretches)) / self.shown), 1.0)
         wider = self.config.inflation * math.sqrt(self.shown) * widening(system, self.held)
+        self.aligned = True
         yield self._progress('curvature measured', stage.side_m, nowhere)
         for _ in range(self.config.draws):
             drawn = drawn_deviation(

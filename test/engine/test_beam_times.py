@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from support.rooms import path_through, scans_at_times, scans_of
 
-from ogm_mcmc.config import PosesConfig, TrajectoryConfig
+from ogm_mcmc.config import TrajectoryConfig
 from ogm_mcmc.engine.beam_times import BentScans, beam_times_figures, said_beam_times
 from ogm_mcmc.engine.joint_poses import PoseRefinement
-from ogm_mcmc.engine.kept_poses import KeptPoses
 from ogm_mcmc.geometry import PlacedScan, Pose2D, PoseBelief
 from ogm_mcmc.trajectory.beam_times import BeamTimes, bent_points
 from ogm_mcmc.trajectory.points import ScanPoints, poses_of
@@ -44,17 +43,6 @@ def test_a_scan_bent_the_same_way_stays_the_same_object() -> None:
     assert all(one is scan for one, scan in zip(still, scans, strict=True))
     at_once = kept.bent(scans, SPEEDS, BeamTimes.at_once().seconds)
     assert all(one is scan for one, scan in zip(at_once, scans, strict=True))
-
-
-def test_a_reset_lets_go_of_scans_and_of_what_they_were_bent_to() -> None:
-    scans = scans_of(TRUTH, 60, 0.01)
-    placed = [PlacedScan.at(*one) for one in zip(scans, poses_of(TRUTH), strict=True)]
-    kept = KeptPoses(PosesConfig('joint'), None)
-    bent = [kept.take(placed).scans_bent.bent(scans, SPEEDS, SECONDS) for _ in range(2)]
-    assert all(one is other for one, other in zip(*bent, strict=True))
-    kept.forget()
-    anew = kept.take(placed).scans_bent.bent(scans, SPEEDS, SECONDS)
-    assert all(one is not old for one, old in zip(anew, bent[0], strict=True))
 
 
 def test_joint_poses_hand_scans_on_as_they_saw_them() -> None:

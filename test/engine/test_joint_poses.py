@@ -61,7 +61,7 @@ def test_particles_say_how_sure_they_are():
 )
 def test_a_choice_stays_until_beliefs_clearly_speak_against_it(first, stays, turns):
     """Else it flips near the threshold, and every flip moves the map and begins chains anew."""
-    kept = KeptPoses(PosesConfig('auto'), None)
+    kept = KeptPoses(PosesConfig('auto'))
     chosen = kept.choose(placed(first), CELL).joint
     for _ in range(3):
         assert choose_joint(placed(stays), PosesConfig('auto'), CELL).joint != chosen
@@ -74,7 +74,7 @@ def test_a_choice_stays_until_beliefs_clearly_speak_against_it(first, stays, tur
 
 
 def test_joint_poses_stay_with_somewhat_fewer_readings():
-    kept = KeptPoses(PosesConfig('auto'), None)
+    kept = KeptPoses(PosesConfig('auto'))
     found = [
         kept.choose(placed(spread(0.3, 5.0), beams=beams), CELL).joint
         for beams in (19, 20, 19, 14, 13, 19, 20)

@@ -9,7 +9,7 @@ from support.strategies import fan
 from ogm_mcmc.config import ChainConfig, PatchConfig, SamplerConfig, StopConfig, WindowConfig
 from ogm_mcmc.engine import refinement as refinement_module
 from ogm_mcmc.engine import sensor_fit
-from ogm_mcmc.engine.recording import fingerprint
+from ogm_mcmc.engine.fingerprint import fingerprint
 from ogm_mcmc.engine.refinement import Refinement
 from ogm_mcmc.engine.saved_chains import save_chains
 from ogm_mcmc.engine.warm_up import warm_up_chains, warm_up_changes, warm_up_sampling

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support.rooms import ROOM, noisy_drive
-from support.workers import CONFIG, ENDLESS, idle, until
+from support.workers import CONFIG, until
 
 from ogm_mcmc.config import PosesConfig, StopConfig, TrajectoryConfig
 from ogm_mcmc.config.nodes import NodeModelConfig
@@ -49,7 +49,7 @@ def test_joint_poses_make_a_better_map_within_the_deadline(make):
         sensor[poses] = worker.status.sensor
     # What the beams are like is found at the poses of the end, not at those they came with.
     assert sensor['fixed'] == fit_sensor(placed, config)[1]
-    assert sensor['joint'] == fit_sensor(worker._poses.placed, config)[1]
+    assert sensor['joint'] == fit_sensor(worker._poses.placed(placed), config)[1]
     assert sensor['joint'].sigma.high_95 < sensor['fixed'].sigma.low_95
     low, spread, high = found['joint'].trajectory.points
     assert 0.0 < low < spread < high < 0.05
@@ -61,35 +61,3 @@ def test_joint_poses_make_a_better_map_within_the_deadline(make):
     moved = trajectory.correction.compose(placed[-1].pose)
     assert moved.x_m == pytest.approx(trajectory.beliefs[-1].mean.x_m)
     assert wall_f1(found['joint']) > wall_f1(found['fixed']) + 0.04
-
-
-def test_poses_are_refined_no_longer_than_half_of_the_time_and_gone_on_with(make):
-    _, placed = noisy_drive()
-    # So many draws would take minutes.
-    settings = PosesConfig('joint', TrajectoryConfig(draws=10_000))
-    worker = make(poses=settings)
-    worker.refine(placed, StopConfig(max_sweeps=10**8, max_time=1.0, r_hat=0.0))
-    until(lambda: idle(worker, 'time'), 60.0)
-    first, refinement = worker.status.poses, worker._poses.refinement
-    # Half a second, and the round of draws in which it was over.
-    assert 0.5 <= first.seconds < 30.0
-    chains = worker._refinement.sampler
-    worker.refine(placed, StopConfig(max_sweeps=10**8, max_time=1.0, r_hat=0.0))
-    until(lambda: worker._refinement.sampler is not chains and idle(worker, 'time'), 60.0)
-    # Not begun anew: the clock of the same estimator went on.
-    assert worker._poses.refinement is refinement
-    assert worker.status.poses.seconds > first.seconds + 0.5
-
-
-def test_stopping_while_poses_are_refined_leaves_a_map_of_then(make):
-    _, placed = noisy_drive()
-    worker = make(poses=PosesConfig('joint', TrajectoryConfig(draws=10_000)))
-    worker.refine(placed, ENDLESS)
-    until(lambda: worker.status.poses is not None)
-    assert worker.stop()
-    until(lambda: idle(worker, 'stopped'))
-    assert worker.result.final
-    assert len(worker.result.trajectory.beliefs) == 16
-    worker.clear()
-    until(lambda: worker.status.poses is None)
-    assert worker.result is None

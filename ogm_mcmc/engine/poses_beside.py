@@ -1,0 +1,178 @@
+"""Poses estimated in a thread of their own, while maps are sampled where scans lie by now.
+
+The worker begins it, looks at what was found when it is told to, and may end it: the step in
+progress is finished, and the next beginning with the same scans goes on from there. Poses are
+handed over as soon as alignment is done; the draws of their standard deviations change none of
+them. When time is up before that, they are handed over if they were aligned in squares of 0.4 m:
+after coarser ones they may be worse than those given.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Sequence
+
+from ogm_mcmc.config import TrajectoryConfig
+from ogm_mcmc.engine.beam_times import BentScans
+from ogm_mcmc.engine.joint_poses import PoseRefinement
+from ogm_mcmc.engine.kept_poses import EstimatedPoses
+from ogm_mcmc.engine.odometry import OdometryAt, said_odometry
+from ogm_mcmc.geometry import PlacedScan
+from ogm_mcmc.trajectory import TrajectoryProgress
+
+__all__ = ['PosesBeside']
+
+
+class _Task:
+    """Scans whose poses are estimated, and how far that is."""
+
+    def __init__(self, scans: Sequence[PlacedScan], until: float, before: _Task | None) -> None:
+        self.scans, self.until = scans, until  # on the monotonic clock; 0: to be ended
+        self.before = before  # which may still be at work
+        self.refinement: PoseRefinement | None = None
+        self.progress: TrajectoryProgress | None = None
+        self.latest: EstimatedPoses | None = None
+        self.taken: EstimatedPoses | None = None
+        self.error: BaseException | None = None
+        self.ended = False
+        self.thread: threading.Thread | None = None
+
+    def is_of(self, scans: Sequence[PlacedScan]) -> bool:
+        pairs = zip(scans, self.scans, strict=False)
+        return len(scans) == len(self.scans) and all(a is b for a, b in pairs)
+
+    @property
+    def done(self) -> bool:
+        """Whether everything is done, and was taken."""
+        finished = self.refinement is not None and self.refinement.finished
+        return self.ended and finished and self.latest is self.taken
+
+
+class PosesBeside:
+    """Estimates poses of scans in a thread; of one set of scans at a time.
+
+    `tell()` is called, in that thread, whenever there is something new to be seen. All else is
+    for one other thread.
+    """
+
+    def __init__(
+        self, config: TrajectoryConfig, odometry: OdometryAt | None, tell: Callable[[], None]
+    ) -> None:
+        self.config, self.odometry = config, odometry
+        self._tell = tell
+        self._bent = BentScans()
+        self._task: _Task | None = None
+
+    def begin(self, scans: Sequence[PlacedScan], max_time_s: float) -> None:
+        """Estimate poses of scans for so long at most, from where it was left with the same ones.
+
+        Where all was done with these, and taken, there is nothing to do.
+        """
+        task, until = self._task, time.monotonic() + max_time_s
+        if task is not None and task.is_of(scans) and task.done:
+            return
+        self.end()
+        new = _Task(scans, until, task)
+        new.thread = threading.Thread(target=self._work, args=(new,), name='poses', daemon=True)
+        self._task = new
+        new.thread.start()
+
+    def end(self) -> None:
+        """Have it end after the step in progress; what it found stays to go on from."""
+        if self._task is not None:
+            self._task.until = 0.0
+
+    def forget(self) -> None:
+        """Have it end, and leave nothing to go on from."""
+        self.end()
+        self._task, self._bent = None, BentScans()
+
+    def close(self, timeout_s: float) -> None:
+        """Have it end, and wait for that so long at most: a step may take seconds."""
+        self.end()
+        if self._task is not None and self._task.thread is not None:
+            self._task.thread.join(timeout_s)
+
+    @property
+    def progress(self) -> TrajectoryProgress | None:
+        """How far it is; None before the first step."""
+        return None if self._task is None else self._task.progress
+
+    @property
+    def found(self) -> bool:
+        """Whether there is something new to take."""
+        task = self._task
+        if task is None or task.until == 0.0:
+            return False
+        return task.error is not None or task.latest is not task.taken
+
+    @property
+    def awaited(self) -> bool:
+        """Whether something is found, or may yet be."""
+        task = self._task
+        return task is not None and task.until > 0.0 and (not task.ended or self.found)
+
+    @property
+    def moves(self) -> bool:
+        """Whether poses may yet be others than those taken last."""
+        task = self._task
+        if not self.awaited or task is None:
+            return False
+        refinement = task.refinement
+        return self.found or refinement is None or not refinement.aligned
+
+    def take(self) -> EstimatedPoses | None:
+        """Return what is new; raises what ended the thread, and nothing is left then."""
+        task = self._task
+        if task is None:
+            return None
+        if task.error is not None:
+            self._task = None
+            raise task.error
+        task.taken = task.latest
+        return task.taken
+
+    # -- in the thread ----------------------------------------------------------------------
+
+    def _work(self, task: _Task) -> None:
+        before, task.before = task.before, None
+        if before is not None and before.thread is not None:
+            before.thread.join()
+        try:
+            if before is not None and before.error is None and before.is_of(task.scans):
+                task.refinement = before.refinement
+            del before
+            self._estimate(task)
+        except BaseException as error:  # the worker raises it
+            task.error = error
+        task.ended = True
+        self._tell()
+
+    def _estimate(self, task: _Task) -> None:
+        if task.refinement is None:
+            found = PoseRefinement(task.scans, self.config, self.odometry, self._bent)
+            task.refinement = found
+        refinement, told = task.refinement, False
+        left_s = task.until - time.monotonic()
+        if left_s > 0.0 and not refinement.finished:
+            for progress in refinement.run(left_s, lambda: task.until == 0.0):
+                task.progress = progress
+                if refinement.aligned and not told:
+                    self._hand_over(task, refinement)
+                    told = True
+        # With covariances now, or as they are when time is up.
+        if refinement.usable:
+            self._hand_over(task, refinement)
+
+    def _hand_over(self, task: _Task, refinement: PoseRefinement) -> None:
+        said = []
+        if refinement.aligned:
+            if self.config.odometry:
+                steps, scale = refinement.wheels, refinement.odometry_scale
+                said.append(said_odometry('the robot', steps, len(task.scans), scale))
+            said.append(refinement.said_beam_times())
+        lines = tuple(line for line in said if line)
+        placed, trajectory = refinement.placed(), refinement.trajectory()
+        task.latest = EstimatedPoses(task.scans, placed, trajectory, lines)
+        self._tell()
