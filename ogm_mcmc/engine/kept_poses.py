@@ -24,12 +24,14 @@ __all__ = ['EstimatedPoses', 'KeptPoses']
 class EstimatedPoses(NamedTuple):
     """Scans as they were `given`, `placed` where they are now, in the same order.
 
-    `said`: lines for the log about what was found by the way.
+    `aligned`: later ones differ in covariances alone. `said`: lines for the log about what was
+    found by the way.
     """
 
     given: Sequence[PlacedScan]
     placed: list[PlacedScan]
     trajectory: RefinedTrajectory
+    aligned: bool
     said: tuple[str, ...] = ()
 
     def said_of(self, seconds: float) -> str:
@@ -69,8 +71,8 @@ class KeptPoses:
         choice = choose_joint(scans, self.config, resolution_m, self.joint)
         if not choice.joint:
             self._let_go()
-        asked = {id(one.belief) for one in scans}
-        self._held = {key: one for key, one in self._held.items() if key in asked}
+        asked = set(map(_stamp, scans))
+        self._held = {key: one for key, one in self._held.items() if _stamp(one.given) in asked}
         self.joint = choice.joint
         return choice
 
@@ -89,9 +91,9 @@ class KeptPoses:
         """Return given scans where they are now; the same objects for the same scans."""
         if not self._held:
             return list(scans)
-        known = {(one.given.scan.frame_id, one.given.scan.stamp_ns) for one in self._held.values()}
+        known = {_stamp(one.given) for one in self._held.values()}
         new = [one for one in scans if self._found(one) is None]
-        if any((one.scan.frame_id, one.scan.stamp_ns) in known for one in new):
+        if any(_stamp(one) in known for one in new):
             self._let_go()
             return list(scans)
         for one in new:
@@ -130,3 +132,7 @@ class KeptPoses:
         """Leave no poses of before, and no choice."""
         self._let_go()
         self.joint = None
+
+
+def _stamp(placed: PlacedScan) -> tuple[str, int]:
+    return placed.scan.frame_id, placed.scan.stamp_ns

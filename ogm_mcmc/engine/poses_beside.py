@@ -74,6 +74,7 @@ class PosesBeside:
             return
         self.end()
         new = _Task(scans, until, task)
+        new.taken = task.taken if task is not None and task.is_of(scans) else None
         new.thread = threading.Thread(target=self._work, args=(new,), name='poses', daemon=True)
         self._task = new
         new.thread.start()
@@ -105,7 +106,8 @@ class PosesBeside:
         task = self._task
         if task is None or task.until == 0.0:
             return False
-        return task.error is not None or task.latest is not task.taken
+        new = task.latest is not None and task.latest is not task.taken
+        return new or task.error is not None
 
     @property
     def awaited(self) -> bool:
@@ -117,10 +119,8 @@ class PosesBeside:
     def moves(self) -> bool:
         """Whether poses may yet be others than those taken last."""
         task = self._task
-        if not self.awaited or task is None:
-            return False
-        refinement = task.refinement
-        return self.found or refinement is None or not refinement.aligned
+        taken = None if task is None else task.taken
+        return self.awaited and (taken is None or not taken.aligned)
 
     def take(self) -> EstimatedPoses | None:
         """Return what is new; raises what ended the thread, and nothing is left then."""
@@ -174,5 +174,5 @@ class PosesBeside:
             said.append(refinement.said_beam_times())
         lines = tuple(line for line in said if line)
         placed, trajectory = refinement.placed(), refinement.trajectory()
-        task.latest = EstimatedPoses(task.scans, placed, trajectory, lines)
+        task.latest = EstimatedPoses(task.scans, placed, trajectory, refinement.aligned, lines)
         self._tell()

@@ -254,17 +254,21 @@ class RefineWorker:
                 self._chains.kept.add(refinement.sampler)
             if progress.reason:
                 break
+            if self._beside.found and not self._beside.moves and (found := self._found_poses()):
+                self._poses.keep(found)  # with deviations now
             if self._orders.save and not self._beside.moves:
                 self._write_state()
             due = time.monotonic() >= next_map_at
             if due and self._hand_over(order, progress, final=False):
                 next_map_at = time.monotonic() + self.map_every_s
+        if self._beside.awaited and not self._beside.found and not self._cancel:
+            self._hand_over(order, progress, final=False)
         return progress
 
     def _interrupted(self) -> bool:
         sampler, beside = self._refinement.sampler, self._beside
-        rests = beside.moves and sampler is not None and sampler.counted >= RESTS_AT
-        return bool(self._cancel) or beside.found or rests
+        rests = sampler is not None and sampler.counted >= RESTS_AT
+        return bool(self._cancel) or (beside.moves and (beside.found or rests))
 
     # -- poses that are estimated meanwhile -------------------------------------------------
 
@@ -274,27 +278,27 @@ class RefineWorker:
         """Take scans where poses put them; return what to go on with, and whether it is over."""
         over = progress.reason != 'cancelled'
         until = began + order.stop.max_time
-        while progress.reason != 'time' and (found := self._found_poses(until, wait=over)):
+        while progress.reason != 'time' and (found := self._found_poses(until, over)):
             self._poses.keep(found)
             if not self._refinement.holds(self._poses.placed(order.scans)):
                 return self._go_on_at(order, found, began), False
         return order, over or bool(self._cancel) or time.monotonic() >= until
 
-    def _found_poses(self, until: float, *, wait: bool) -> EstimatedPoses | None:
-        """Return poses once found; wait for them, or only where they may be others yet."""
+    def _found_poses(self, until: float = 0.0, every: bool = False) -> EstimatedPoses | None:
+        """Return poses found; wait for them until then, for `every` one or those that move."""
         beside = self._beside
 
         def seen() -> bool:
             return beside.found or not beside.awaited or bool(self._cancel)
 
-        while (left_s := until - time.monotonic()) > 0.0 and not seen() and (wait or beside.moves):
+        while (
+            (left_s := until - time.monotonic()) > 0.0 and not seen() and (every or beside.moves)
+        ):
             self.status = self.status._replace(state='refining poses', poses=beside.progress)
             with self._orders.changed:
                 self._orders.changed.wait_for(seen, min(LOOK_S, left_s))
-        if self._cancel or not beside.found:
-            return None
         try:
-            return beside.take()
+            return beside.take() if beside.found and not self._cancel else None
         except (OgmError, MemoryError) as error:
             self.warn(f'poses not estimated: {str(error) or "no memory"}')
             return None
