@@ -7,6 +7,7 @@ from ogm_mcmc.engine.no_returns import NoReturnChoice
 from ogm_mcmc.engine.progress import Progress
 from ogm_mcmc.engine.refined_map import WorkerStatus
 from ogm_mcmc.engine.sensor_fit import SensorNumbers
+from ogm_mcmc.trajectory import TrajectoryProgress
 
 __all__ = [
     'disagreement',
@@ -61,6 +62,8 @@ def size_refusal(scans: int, rays: int, n_bytes: int, max_memory_mb: float) -> s
 def progress_text(status: WorkerStatus, stop: StopConfig) -> str:
     """Return how far sampling is, for people; empty while there is nothing to say."""
     progress = status.progress
+    if status.state == 'refining poses' and status.poses is not None:
+        return _poses_text(status.poses)
     if status.state != 'sampling' or progress is None:
         return ''
     share = 100.0 * progress.seconds / stop.max_time
@@ -68,6 +71,13 @@ def progress_text(status: WorkerStatus, stop: StopConfig) -> str:
         f'{progress.sweeps} sweeps, {share:.0f} % of the time, '
         f'{100.0 * progress.agreeing_share:.1f} % of the cells agree'
     )
+
+
+def _poses_text(poses: TrajectoryProgress) -> str:
+    """Return what was done of poses last."""
+    if poses.side_m > 0.0:
+        return f'{poses.doing} in squares of {poses.side_m:g} m after {poses.seconds:.1f} s'
+    return f'{poses.doing} after {poses.seconds:.1f} s'
 
 
 def disagreement(status: WorkerStatus, stop: StopConfig) -> str:
@@ -100,6 +110,8 @@ def status_values(status: WorkerStatus, no_return: str) -> dict[str, object]:
         **progress_values(status.progress),
         **sensor_values(status.sensor),
         **no_return_values(status.no_return, no_return),
+        'poses of the map': status.poses_of_map,
+        **({'joint poses': _poses_text(status.poses)} if status.poses else {}),
         'stopped because': status.stopped,
         'last error': status.error,
     }

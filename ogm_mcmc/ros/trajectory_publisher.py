@@ -35,7 +35,7 @@ def path_message(trajectory: RefinedTrajectory, frame_id: str) -> Path:
 
 
 def pose_message(trajectory: RefinedTrajectory, frame_id: str) -> PoseWithCovarianceStamped:
-    """Return the latest pose; its covariance is 0 all over where it is not known yet."""
+    """Return the latest pose; its covariance is 0 all over where it is not known."""
     message = PoseWithCovarianceStamped()
     belief = trajectory.beliefs[-1]
     message.header.frame_id = frame_id
@@ -78,7 +78,10 @@ def correction_values(trajectory: RefinedTrajectory | None) -> dict[str, object]
 
 
 class TrajectoryPublisher:
-    """Sends `trajectory_refined` and `pose_refined`, latched, whenever the poses are others."""
+    """Sends `trajectory_refined` and `pose_refined`, latched, whenever they are others.
+
+    The latest pose is sent once its covariance is known: 0 would say that it is exact.
+    """
 
     def __init__(self, node: Node) -> None:
         self.path = node.create_publisher(Path, 'trajectory_refined', LATCHED)
@@ -86,12 +89,14 @@ class TrajectoryPublisher:
         self._shown: RefinedTrajectory | None = None
 
     def publish(self, trajectory: RefinedTrajectory | None, frame_id: str) -> None:
-        """Send poses, unless they were the last ones sent."""
-        if trajectory is None or trajectory is self._shown:
-            return
-        self._shown = trajectory
-        self.path.publish(path_message(trajectory, frame_id))
-        self.pose.publish(pose_message(trajectory, frame_id))
+        """Send poses, unless they were the last ones sent; a way without any for None."""
+        if trajectory is None:
+            self.clear(frame_id)
+        elif trajectory is not self._shown:
+            self._shown = trajectory
+            self.path.publish(path_message(trajectory, frame_id))
+            if trajectory.beliefs[-1].covariance is not None:
+                self.pose.publish(pose_message(trajectory, frame_id))
 
     def clear(self, frame_id: str) -> None:
         """Send a way without poses, where one was sent before."""

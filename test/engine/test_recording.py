@@ -152,6 +152,23 @@ def test_beams_that_come_to_count_drive_scans_out_at_once():
     assert recording.let_go['thinned'] == 200 - len(recording)
 
 
+def test_what_cannot_be_measured_by_what_was_found_stays_as_it_was():
+    """Beams that reach too far, once they count: who samples them says so, no other thread."""
+    recording = Recording(RecordingConfig(), SamplerConfig(window=NodeWindowConfig(0.1)))
+    recording.understand(NoReturnChoice.of('auto', NoReturns(100, 90)))
+    placed = at(0.0, 1.0, math.inf)
+    far = replace(placed.scan, range_max_m=20_000.0)
+    recording.add(placed)
+    recording.add(PlacedScan(far, placed.belief))
+    before = recording.size
+    assert before.rays == 2
+    for _ in range(2):
+        recording.understand(NoReturnChoice.of('auto', NoReturns(100, 10)))
+        assert recording.size == before
+    recording.add(at(0.5, 1.0, math.inf))  # as before, too
+    assert recording.size.rays == 3
+
+
 def test_a_stray_pose_drives_nobody_out():
     config = SamplerConfig(window=WindowConfig(resolution=0.1, max_memory_mb=1.0))
     recording = Recording(RecordingConfig(LATEST), config)

@@ -2,6 +2,7 @@
 
 import itertools
 import math
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -18,6 +19,8 @@ from ogm_mcmc.config import (
 )
 from ogm_mcmc.config.nodes import NodeModelConfig
 from ogm_mcmc.engine.recording import Recording
+from ogm_mcmc.engine.refinement import Refinement
+from ogm_mcmc.errors import WindowFullError
 from ogm_mcmc.geometry import PlacedScan, Pose2D
 from ogm_mcmc.sampling import RayWindow
 
@@ -125,3 +128,52 @@ def test_a_last_scan_that_is_too_large_is_refused(make):
     worker.refine([placed], ONCE, recording)
     until(lambda: idle(worker, 'error'))
     assert 'expected at most max_memory_mb = 1' in worker.status.error
+
+
+@pytest.mark.parametrize(('reason', 'max_time'), [('stopped', 1e6), ('time', 0.01)])
+def test_choosing_fewer_scans_ends_when_it_is_told_to(make, monkeypatch, reason, max_time):
+    said, tries, worker = [], [], None
+    recording, take = filled(noisy(), FOUND), Refinement.take
+
+    def full(refinement, scans, **how):
+        tries.append(len(scans))
+        if len(tries) == 1:
+            return take(refinement, scans[:3], **how)
+        if reason == 'stopped':
+            worker.stop()
+        else:
+            time.sleep(2.0 * max_time)
+        raise WindowFullError('full')
+
+    monkeypatch.setattr(Refinement, 'take', full)
+    worker = make(config=FOUND, log=said.append)
+    worker.refine(recording.snapshot(), ONCE, recording)
+    until(lambda: idle(worker, 'sweeps'))
+    before = worker.result
+    worker.refine(recording.snapshot(), replace(ONCE, max_time=max_time), recording)
+    until(lambda: idle(worker, reason))
+    assert len(tries) == 2
+    assert said[-1] == f'ended while scans were chosen that an index has room for ({reason})'
+    assert worker.result is before
+
+
+def test_chains_that_no_index_was_left_for_are_counted_no_more(make, monkeypatch, tmp_path):
+    """Nor is the state file, which is of an earlier time, read for those that follow."""
+    said, some = [], list(itertools.islice(noisy(), 8))
+    worker = make(config=FOUND, state_file=tmp_path / 'chains.npz', log=said.append)
+    recording = Recording(RecordingConfig(), FOUND)
+    for one in some:
+        recording.add(one)
+    worker.refine(some[:6], ONCE)
+    until(lambda: idle(worker, 'sweeps'))
+    posterior = Refinement._posterior
+
+    def fails(refinement, *rest):
+        monkeypatch.setattr(Refinement, '_posterior', posterior)
+        raise WindowFullError('full')
+
+    monkeypatch.setattr(Refinement, '_posterior', fails)
+    worker.refine(some, ONCE, recording)
+    until(lambda: idle(worker, 'sweeps') and worker.status.left_out)
+    assert worker.status.chain_sweeps == ONCE.max_sweeps
+    assert not [line for line in said if 'chains.npz' in line]

@@ -82,6 +82,18 @@ def test_the_map_of_before_a_correction_is_replaced_soon(make):
     assert worker.status.progress.counted == 0
 
 
+def test_the_first_map_is_renewed_before_any_sweep_counts(make):
+    worker = make(
+        config=replace(CONFIG, chain=replace(CONFIG.chain, burn_in=10**7)), map_every_s=0.0
+    )
+    worker.refine(scans(6), ENDLESS)
+    until(lambda: worker.result is not None and worker.result.number > 3)
+    assert worker.status.progress.counted == 0
+    worker.stop()
+    until(lambda: idle(worker, 'stopped'))
+    assert worker.result.final
+
+
 def test_a_run_that_is_replaced_after_a_few_sweeps_leaves_the_map_of_before(make, monkeypatch):
     worker, limits = make(map_every_s=1e6), StopConfig(max_sweeps=40, r_hat=0.0)
     worker.refine(scans(6), limits)

@@ -16,7 +16,9 @@ from ogm_mcmc.ros.refine_report import (
     progress_text,
     sensor_values,
     size_refusal,
+    status_values,
 )
+from ogm_mcmc.trajectory import TrajectoryProgress
 
 STOP = StopConfig(max_time=40.0, max_sweeps=500, r_hat=1.1, agreeing_share=0.99)
 
@@ -40,6 +42,18 @@ def test_progress_is_in_percent_of_the_limit():
     status = WorkerStatus('sampling', progress=progress(0.957))
     assert progress_text(status, STOP) == '120 sweeps, 25 % of the time, 95.7 % of the cells agree'
     assert progress_text(WorkerStatus('indexing'), STOP) == ''
+
+
+def test_progress_of_poses_says_what_was_done_last():
+    poses = TrajectoryProgress('aligned', 0.4, 0.02, 0.01, 0.001, 0, 3.14)
+    status = WorkerStatus('refining poses', poses=poses, poses_of_map='as given')
+    text = 'aligned in squares of 0.4 m after 3.1 s'
+    assert progress_text(status, STOP) == text
+    values = status_values(status, 'auto')
+    assert (values['poses of the map'], values['joint poses']) == ('as given', text)
+    looked = status._replace(poses=poses._replace(doing='looked around', side_m=0.0))
+    assert progress_text(looked, STOP) == 'looked around after 3.1 s'
+    assert 'joint poses' not in status_values(WorkerStatus(), 'auto')
 
 
 @pytest.mark.parametrize('reason', ['time', 'sweeps', 'stopped'])

@@ -78,7 +78,7 @@ def test_a_server_refines_poses_publishes_and_saves_them(tmp_path):
                 return server.on_refine(Trigger.Request(), Trigger.Response()).success
 
             observer.until(refines, 60.0)
-            observer.until(lambda: bool(paths) and bool(latest), 60.0)
+            observer.until(lambda: bool(paths) and bool(latest), 60.0)  # once it knows how sure
             found = np.array([(p.pose.position.x, p.pose.position.y) for p in paths[-1].poses])
             off = found - truth[:, :2]
             assert np.hypot(*(off - off.mean(axis=0)).T).mean() < 0.01
@@ -86,6 +86,7 @@ def test_a_server_refines_poses_publishes_and_saves_them(tmp_path):
             observer.until(lambda: 'poses refined' in str(reports[-1:]), 20.0)
             for name in ('points off their lines', 'sigma of ranges', 'clutter beams'):
                 assert f'{name} (' in str(reports[-1])
+            assert "value='joint'" in str(reports[-1])  # poses of the map
             assert server.on_save_map(Trigger.Request(), Trigger.Response()).success
             for name in ('trajectory.txt', 'trajectory_deviations.csv'):
                 lines = (tmp_path / f'map_refined_{name}').read_text().splitlines()
