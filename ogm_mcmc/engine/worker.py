@@ -42,8 +42,9 @@ LEAST_S = 0.01
 
 # A run that is replaced after fewer counted sweeps leaves the map of before.
 ENOUGH = 16
-# Once scans were placed anew the map of before is worse than that of so many sweeps.
-SOON = 5
+# Once scans were placed anew the map of before is worse than that of so many sweeps: after a
+# correction, which moves walls; at joint poses, which make them sharper.
+SOON, SHARPER = 5, 16
 
 # While poses are estimated chains at those given rest from so many counted sweeps on: their map
 # changes little by then, and the processor is for the poses.
@@ -90,6 +91,7 @@ class RefineWorker:
         self._poses = KeptPoses(settings)
         self._handed_over = 0
         self._said_joint: bool | None = None
+        self._soon = SOON
         self._orders = Orders()
         self._beside = PosesBeside(settings.trajectory, odometry, self._orders.tell)
         self._thread = threading.Thread(target=self._run, name='refine', daemon=True)
@@ -204,9 +206,9 @@ class RefineWorker:
     def _failed(self, text: str) -> None:
         self.warn(f'not refined: {text}')
         # The next window may be chosen by what was found of beams.
-        found = self._refinement.no_return_found, self._refinement.model_found
-        self.status = self.status._replace(no_return=found[0], model=found[1])
-        self.status = self.status._replace(state='idle', stopped='error', error=text)
+        found, status = self._refinement, self.status._replace(stopped='error', error=text)
+        status = status._replace(no_return=found.no_return_found, model=found.model_found)
+        self.status = status._replace(state='idle')
 
     def _sample(self, order: Order) -> None:
         self.status = WorkerStatus(
@@ -214,6 +216,7 @@ class RefineWorker:
         )
         if self._are_joint(order.scans):
             self._beside.begin(order.scans, 0.5 * order.stop.max_time)
+        self._soon = SOON
         taken = self._take_kept(order, time.monotonic() + order.stop.max_time)
         began = time.monotonic()
         while taken is not None:
@@ -291,9 +294,9 @@ class RefineWorker:
         def seen() -> bool:
             return beside.found or not beside.awaited or bool(self._cancel)
 
-        while (
-            (left_s := until - time.monotonic()) > 0.0 and not seen() and (every or beside.moves)
-        ):
+        while (left_s := until - time.monotonic()) > 0.0 and not seen():
+            if not (every or beside.moves):
+                break
             self.status = self.status._replace(state='refining poses', poses=beside.progress)
             with self._orders.changed:
                 self._orders.changed.wait_for(seen, min(LOOK_S, left_s))
@@ -305,6 +308,7 @@ class RefineWorker:
 
     def _go_on_at(self, order: Order, found: EstimatedPoses, began: float) -> Order | None:
         """Take scans where they are now; return those taken."""
+        self._soon = SHARPER
         self.status = self.status._replace(state='indexing', poses=self._beside.progress)
         taken = self._take_kept(order, began + order.stop.max_time)
         if taken is not None:
@@ -366,17 +370,13 @@ class RefineWorker:
         if reason not in ('refined again', 'cleared', 'shut down'):
             self.log(f'{progress.said(len(order.scans))} ({reason})')
             if self._poses.joint and self._poses.trajectory is None:
-                self.log('the map lies at the poses given: joint ones were not there in time')
-        self.status = self.status._replace(
-            state='idle',
-            stopped=reason,
-            poses=self._beside.progress,
-            poses_of_map=self._poses_of_map(),
-        )
+                self.log('the map lies at the poses given: joint ones were not there yet')
+        status = self.status._replace(poses=self._beside.progress, stopped=reason)
+        self.status = status._replace(state='idle', poses_of_map=self._poses_of_map())
 
     def _hand_over(self, order: Order, progress: Progress, *, final: bool) -> bool:
         """Hand over the map as it is; return whether it is better than that of before."""
-        wrong = self._refinement.corrected and progress.sweeps >= SOON
+        wrong = self._refinement.corrected and progress.sweeps >= self._soon
         if progress.counted == 0 and self.result is not None and not (wrong or self._chains.shown):
             return False  # a map from before is better than the first sweeps of new chains
         result = map_now(
