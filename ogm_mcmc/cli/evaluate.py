@@ -21,6 +21,7 @@ from ogm_mcmc.cli.evaluate_answer import (
     write_answer,
 )
 from ogm_mcmc.cli.evaluate_beams import by_beams
+from ogm_mcmc.cli.evaluate_frames import alignment_of
 from ogm_mcmc.cli.evaluate_path import along_path
 from ogm_mcmc.cli.evaluate_points import by_points
 from ogm_mcmc.cli.evaluate_pose import from_pose, pose_inside, read_pose
@@ -45,6 +46,7 @@ from ogm_mcmc.cli.options import (
 )
 from ogm_mcmc.cli.sample import SHORT
 from ogm_mcmc.config import (
+    AlignmentConfig,
     CollisionConfig,
     EvaluationConfig,
     ExpectedScanConfig,
@@ -119,6 +121,7 @@ def add_to(subparsers: Subparsers) -> None:
         help='judge by points of the beams, too: free along them, occupied where they returned',
     )  # fmt: skip
     add_arguments(beams, HeldOutPointsConfig)
+    add_arguments(beams, AlignmentConfig)
     add_stream_options(parser)
     add_arguments(parser.add_argument_group('lidar (--pose)'), ExpectedScanConfig)
     configs = (RefineSamplerConfig, PlacingConfig)
@@ -146,6 +149,7 @@ def run(options: argparse.Namespace) -> int:
         raise ConfigError(f'{options.map}: --path asks the maps of --samples: expected no MAP')
     check_trajectory_options(options)
     _check_samples(options)
+    alignment_of(options)
     if options.points and options.bag is None:
         raise ConfigError('--points: expected --beams BAG, whose beams they lie on')
     config = build(EvaluationConfig, given(options, EvaluationConfig))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -13,18 +13,26 @@ from tqdm import tqdm
 from ogm_mcmc.arrays import AnyArray, Float64Array
 from ogm_mcmc.cli.bag_scans import BagScans, read_bag
 from ogm_mcmc.cli.evaluate_answer import Answer
+from ogm_mcmc.cli.evaluate_frames import (
+    alignment_of,
+    found_frames,
+    frame_figures,
+    frame_said,
+    split_for_fit,
+)
 from ogm_mcmc.config import HeldOutConfig, PlacingConfig, SamplerConfig, flatten
 from ogm_mcmc.engine.no_returns import NoReturnChoice, no_return_of
 from ogm_mcmc.errors import BagError
 from ogm_mcmc.evaluation import (
     ForwardModel,
+    FoundFrame,
     HeldOutBeams,
     Ratio,
     beam_log_likelihood,
     held_out_beams,
     log_likelihood_of_samples,
 )
-from ogm_mcmc.geometry import GridMap, GridSpec
+from ogm_mcmc.geometry import GridMap, Pose2D
 from ogm_mcmc.io.map_files import JudgedMap
 from ogm_mcmc.io.sample_files import load_samples
 from ogm_mcmc.plotting import Picture, Series, curves_png, heat_png, probability_png
@@ -36,11 +44,23 @@ SURPRISE = 6.0
 
 
 class Held(NamedTuple):
-    """A bag, the beams of it that judge, and what a range of +inf was taken to mean."""
+    """A bag, the beams of it that judge, and what a range of +inf was taken to mean.
+
+    `beams` lie in the frame of the bag; `frames` says by name where maps were found, if asked to.
+    """
 
     bag: BagScans
     beams: HeldOutBeams
     no_return: NoReturnChoice
+    frames: dict[str, FoundFrame]
+
+    def frame_of(self, name: str) -> Pose2D:
+        """Return where the frame of a map lies."""
+        return self.frames[name].frame if name in self.frames else Pose2D()
+
+    def beams_in(self, name: str, grid_map: GridMap) -> HeldOutBeams:
+        """Return the beams in the frame of a map."""
+        return self.beams.seen_from(self.frame_of(name), grid_map.spec)
 
 
 def by_beams(
@@ -57,11 +77,19 @@ def by_beams(
     """
     samples = None if options.samples is None else load_samples(options.samples, options.max_cells)
     model = ForwardModel.from_config(sampler.model)
-    held = read_held_out(options, [judged.known.spec], choice, placing, sampler)
-    beams = held.beams
+    name = str(options.map)
+    held = read_held_out(options, {name: judged.filled}, choice, placing, sampler, unknown)
+    beams = held.beams_in(name, judged.filled)
     with tqdm(beams.placed, unit=' scans', desc='judge', disable=None) as bar:
         values = beam_log_likelihood(judged.filled, bar, model, prior=unknown)
     figures = {**read_figures(options, held), **beam_figures(beams, values)}
+    alignment = alignment_of(options)
+    rows = []
+    if name in held.frames:
+        figures['alignment'] = frame_figures(
+            held.frames[name], judged.filled, held.beams, values, model, unknown
+        )
+        rows = [('aligned', frame_said(figures['alignment'], alignment))]
     if samples is not None:
         maps = tqdm(
             samples.grid_maps(), total=len(samples.maps), unit=' maps', desc='judge', disable=None
@@ -74,36 +102,55 @@ def by_beams(
             'above_map': _named(beams.mean(mixture - values)),
         }
     pictures = _pictures(judged.known, beams, values)
-    settings = beam_settings(choice, placing, sampler, held.no_return)
-    answer = Answer(figures, _rows(figures), [('Held-out beams', pictures)], settings)
+    settings = {
+        **beam_settings(choice, placing, sampler, held.no_return),
+        **flatten(alignment),
+    }
+    answer = Answer(figures, rows + _rows(figures), [('Held-out beams', pictures)], settings)
     return answer, beams
 
 
 def read_held_out(
     options: argparse.Namespace,
-    specs: Sequence[GridSpec],
+    maps: Mapping[str, GridMap],
     choice: HeldOutConfig,
     placing: PlacingConfig,
     sampler: SamplerConfig,
+    unknown: float,
 ) -> Held:
-    """Read `options.bag` and choose the beams that judge maps of those grids, all the same ones.
+    """Read `options.bag` and choose the beams that judge those maps, all the same ones.
 
-    With `leaving` exclude they end inside of every map; their cells are those of the last grid.
-    Where `window.no_return` is auto, all scans of the bag tell what +inf means.
+    With `leaving` exclude they end inside of every map. Where `window.no_return` is auto, all
+    scans of the bag tell what +inf means. With `--align` every second scan looks for the maps, and
+    the others judge.
     """
     window = sampler.window
     bag = read_bag(options, placing)
     placed, left_out = bag.placed[:: choice.beams_stride], 0
-    cell_m = min(spec.resolution_m for spec in specs)
+    cell_m = min(one.spec.resolution_m for one in maps.values())
     found = no_return_of(window.no_return, bag.placed, cell_m, window.max_range)
     no_return = found.value
-    for spec in specs:
+    frames: dict[str, FoundFrame] = {}
+    alignment = alignment_of(options)
+    if alignment.align:
+        fitting, placed = split_for_fit(options.bag, placed)
+        frames = found_frames(
+            maps,
+            fitting,
+            ForwardModel.from_config(sampler.model),
+            alignment,
+            prior=unknown,
+            max_range_m=window.max_range,
+            no_return=no_return,
+        )
+    for name, grid_map in maps.items():
         beams = held_out_beams(
             placed,
-            spec,
+            grid_map.spec,
             max_range_m=window.max_range,
             no_return=no_return,
             leaving=choice.leaving,
+            frame=frames[name].frame if name in frames else None,
         )
         placed, left_out = beams.placed, left_out + beams.left_out
         no_return = 'clear'  # what has no return now is a reading beyond --max-range
@@ -112,7 +159,7 @@ def read_held_out(
             f'{options.bag}: no beam of {len(bag.placed)} placed scans says anything '
             f'({left_out} left out because they end outside of the map): expected some'
         )
-    return Held(bag, beams._replace(left_out=left_out), found)
+    return Held(bag, beams._replace(left_out=left_out), found, frames)
 
 
 def beam_settings(

@@ -19,6 +19,7 @@ from ogm_mcmc.cli.evaluate_beams import (
     read_figures,
     read_held_out,
 )
+from ogm_mcmc.cli.evaluate_frames import alignment_of, frame_figures, frame_said
 from ogm_mcmc.cli.evaluate_points import judged_points, point_figures, reliability_png
 from ogm_mcmc.config import (
     EvaluationConfig,
@@ -32,7 +33,7 @@ from ogm_mcmc.errors import ConfigError, GridError
 from ogm_mcmc.evaluation import ForwardModel, beam_log_likelihood, compare, held_out_points
 from ogm_mcmc.evaluation.held_out import cells_of_ends
 from ogm_mcmc.files.user_paths import user_path
-from ogm_mcmc.geometry import GridSpec
+from ogm_mcmc.geometry import GridSpec, Pose2D
 from ogm_mcmc.io.map_files import JudgedMap, load_grid
 from ogm_mcmc.plotting import Picture, kinds_png, probability_png
 
@@ -143,27 +144,30 @@ def compared_by_beams(
 ) -> Compared:
     """Judge all maps by the same beams and the same points along them."""
     model = ForwardModel.from_config(sampler.model)
-    specs = [one.known.spec for one in maps.values()]
-    held = read_held_out(options, specs, choice, placing, sampler)
-    beams = held.beams
-    points = held_out_points(beams, point_choice.point_step) if options.points else None
+    filled = {name: one.filled for name, one in maps.items()}
+    held = read_held_out(options, filled, choice, placing, sampler, config.unknown)
+    beams, alignment = held.beams, alignment_of(options)
     values, scores, figures, columns = {}, {}, {}, {}
-    for name, judged in maps.items():
-        grid_map = judged.filled
-        with tqdm(beams.placed, unit=' scans', desc=f'judge {name}', disable=None) as bar:
+    for name, grid_map in filled.items():
+        own = held.beams_in(name, grid_map)
+        with tqdm(own.placed, unit=' scans', desc=f'judge {name}', disable=None) as bar:
             try:
                 values[name] = beam_log_likelihood(grid_map, bar, model, prior=config.unknown)
             except GridError as error:
                 raise GridError(f'{name}: {error}') from error
-        own = beams._replace(cell=cells_of_ends(beams.placed, grid_map.spec))
         figures[name] = beam_figures(own, values[name])
+        if name in held.frames:
+            figures[name]['alignment'] = frame_figures(
+                held.frames[name], grid_map, beams, values[name], model, config.unknown
+            )
         mean = beams.mean(values[name])
         columns[name] = {
             'nats a beam': f'{mean.value:.4f} +- {mean.standard_error:.4f}',
             'end outside': f'{int(own.leaving.sum())} of {own.scan.size}',
         }
-        if points is None:
+        if not options.points:
             continue
+        points = held_out_points(own, point_choice.point_step)
         scores[name] = judged_points(grid_map, points, config)
         figures[name]['points'] = point_figures(points, scores[name])
         columns[name] |= {
@@ -171,7 +175,7 @@ def compared_by_beams(
             'points: log-loss': f'{scores[name].log_loss.value:.4f}',
             'points: Brier': f'{scores[name].brier.value:.4f}',
         }
-    blocks = _blocks(specs)
+    blocks = _blocks([_extent(held.frame_of(name), one.spec) for name, one in filled.items()])
     on_blocks = beams._replace(cell=cells_of_ends(beams.placed, blocks))
     differences, pictures = [], []
     for first, second in combinations(maps, 2):
@@ -195,18 +199,44 @@ def compared_by_beams(
             'Reliability at points of held-out beams',
         )
         sections.insert(0, ('Calibration at held-out points', [curves]))
-    settings = {**beam_settings(choice, placing, sampler, held.no_return), **flatten(point_choice)}
+    settings = {
+        **beam_settings(choice, placing, sampler, held.no_return),
+        **flatten(point_choice),
+        **flatten(alignment),
+    }
     common = read_figures(options, held)
+    common['alignments'] = [
+        f'{name}: {frame_said(one["alignment"], alignment)}'
+        for name, one in figures.items()
+        if 'alignment' in one
+    ]
     return Compared(figures, columns, common, differences, sections, settings)
 
 
-def _blocks(specs: list[GridSpec]) -> GridSpec:
+class _Extent(NamedTuple):
+    """Lowest and highest x and y of a map in the frame of the beams, and its cells, m."""
+
+    left: float
+    right: float
+    bottom: float
+    top: float
+    cell: float
+
+
+def _extent(frame: Pose2D, spec: GridSpec) -> _Extent:
+    left, right, bottom, top = spec.extent_m
+    corners = [frame.compose(Pose2D(x, y)) for x in (left, right) for y in (bottom, top)]
+    x, y = [one.x_m for one in corners], [one.y_m for one in corners]
+    return _Extent(min(x), max(x), min(y), max(y), spec.resolution_m)
+
+
+def _blocks(extents: list[_Extent]) -> GridSpec:
     """Return a coarse grid over all maps."""
-    left = min(spec.origin_x_m for spec in specs)
-    bottom = min(spec.origin_y_m for spec in specs)
-    width = max(spec.origin_x_m + spec.width * spec.resolution_m for spec in specs) - left
-    height = max(spec.origin_y_m + spec.height * spec.resolution_m for spec in specs) - bottom
-    finest = max(spec.resolution_m for spec in specs)
+    left = min(one.left for one in extents)
+    bottom = min(one.bottom for one in extents)
+    width = max(one.right for one in extents) - left
+    height = max(one.top for one in extents) - bottom
+    finest = max(one.cell for one in extents)
     side = max(finest, max(width, height) / BLOCKS)
     columns, rows = (max(1, int(np.ceil(length / side - 1e-9))) for length in (width, height))
     return GridSpec(side, columns, rows, anchor_x_m=left, anchor_y_m=bottom)

@@ -135,9 +135,9 @@ def _lines(header: list[str], rows: list[list[str]]) -> list[str]:
 
 
 def _said(answer: Compared) -> list[str]:
-    """Return what +inf was taken to mean, and a line for each pair of maps."""
+    """Return what +inf was taken to mean, where maps lie, and a line for each pair of maps."""
     why = answer.common.get('meaning_of_no_return', {}).get('why', '')
-    lines = [why] if why else []
+    lines = [*([why] if why else []), *answer.common.get('alignments', [])]
     for of in answer.differences:
         pair = f'{of["map"]} against {of["against"]}:'
         if 'nats_per_beam' in of:

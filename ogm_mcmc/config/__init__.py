@@ -2,6 +2,7 @@
 
 from ogm_mcmc.config.adaptive import AdaptiveConfig
 from ogm_mcmc.config.evaluation import (
+    AlignmentConfig,
     CollisionConfig,
     EvaluationConfig,
     ExpectedScanConfig,
@@ -44,6 +45,7 @@ from ogm_mcmc.config.settings import (
 from ogm_mcmc.config.trajectory import PosesConfig, TrajectoryConfig
 
 __all__ = [
+    'AlignmentConfig',
     'ChainConfig',
     'CollisionConfig',
     'ForwardModelConfig',

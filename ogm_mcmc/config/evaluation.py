@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from ogm_mcmc.config.settings import check_bounds, setting
 
 __all__ = [
+    'AlignmentConfig',
     'CollisionConfig',
     'EvaluationConfig',
     'ExpectedScanConfig',
@@ -69,6 +70,30 @@ class HeldOutConfig:
         'beams that end outside of the map: unknown: the cells out there are as those never '
         'measured; exclude: such beams do not count',
         choices=('unknown', 'exclude'),
+    )
+
+    def __post_init__(self) -> None:
+        """Refuse what is out of bounds."""
+        check_bounds(self)
+
+
+@dataclass(frozen=True)
+class AlignmentConfig:
+    """Whether and where a map is looked for that has another frame than the beams."""
+
+    align: bool = setting(
+        False,
+        'every second scan looks for the frame of each map, where its beams fit it best; '
+        'the others judge it there',
+    )
+    align_reach: float = setting(
+        0.0,
+        'how far a map may be moved, m, at the middle of what the beams met; 0: anywhere',
+        low=0.0,
+        high=1e6,
+    )
+    align_turn: float = setting(
+        180.0, 'how far it may be turned to each side, degrees', low=0.0, high=180.0
     )
 
     def __post_init__(self) -> None:

@@ -14,7 +14,7 @@ Everything takes plain arrays or a `GridMap`; unknown cells are nan, and the cal
 they stand for. Counts and bins of several maps add up (`pooled`). `compare` computes all figures
 of a map and its truth at once; `first_hits` is the one place where beams meet probabilities;
 `held_out` says which beams of a recording judge a map, `held_out_points` takes points along them
-for a truth.
+for a truth, `map_frames` finds where a map lies that has another frame than they.
 """
 
 from ogm_mcmc.evaluation.beam_likelihood import (
@@ -39,6 +39,7 @@ from ogm_mcmc.evaluation.held_out import (
     Ratio,
     held_out_beams,
     ratio_of_sums,
+    seen_from,
     without_beams_that_leave,
 )
 from ogm_mcmc.evaluation.held_out_points import (
@@ -49,6 +50,7 @@ from ogm_mcmc.evaluation.held_out_points import (
     score_points,
 )
 from ogm_mcmc.evaluation.information import expected_information_gain
+from ogm_mcmc.evaluation.map_frames import FoundFrame, FrameSearch, find_frame
 from ogm_mcmc.evaluation.masks import MASKS, cells_that_count, near
 from ogm_mcmc.evaluation.scan_fit import AmclNumbers, CastBeams, LikelihoodField, SampleBeams
 from ogm_mcmc.evaluation.views import ReadingChannel, hits_of_map, hits_of_samples
@@ -64,6 +66,8 @@ __all__ = [
     'Divergence',
     'FirstHits',
     'ForwardModel',
+    'FoundFrame',
+    'FrameSearch',
     'HeldOutBeams',
     'HeldOutPoints',
     'LikelihoodField',
@@ -85,6 +89,7 @@ __all__ = [
     'divergence',
     'entropy_nats',
     'expected_information_gain',
+    'find_frame',
     'first_hits',
     'held_out_beams',
     'held_out_points',
@@ -97,6 +102,7 @@ __all__ = [
     'ratio_of_sums',
     'reliability',
     'score_points',
+    'seen_from',
     'total_divergence',
     'without_beams_that_leave',
 ]

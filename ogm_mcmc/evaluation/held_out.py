@@ -36,6 +36,7 @@ __all__ = [
     'cells_of_ends',
     'held_out_beams',
     'ratio_of_sums',
+    'seen_from',
     'without_beams_that_leave',
 ]
 
@@ -85,6 +86,11 @@ class HeldOutBeams(NamedTuple):
         """Which beams (N,) end outside of the map."""
         return np.asarray(self.cell < 0, np.bool_)
 
+    def seen_from(self, frame: Pose2D, spec: GridSpec) -> HeldOutBeams:
+        """Return the same beams in a frame that lies in theirs, where a map has these cells."""
+        placed = seen_from(frame, self.placed)
+        return self._replace(placed=placed, cell=cells_of_ends(placed, spec))
+
     def per_scan(self, values: AnyArray) -> Float64Array:
         """Mean of values (N,) over the beams of each scan (S,)."""
         size = len(self.placed)
@@ -118,8 +124,9 @@ def held_out_beams(
     max_range_m: float = 0.0,
     no_return: str = 'clear',
     leaving: str = 'unknown',
+    frame: Pose2D | None = None,
 ) -> HeldOutBeams:
-    """Choose the beams that judge a map.
+    """Choose the beams that judge a map, whose `frame` lies in that of the scans, or is it.
 
     `max_range_m` above 0 limits how far beams are used: longer readings say that nothing is up
     to there. `no_return` ignore: +inf says nothing. `leaving` exclude: beams that end outside of
@@ -129,18 +136,20 @@ def held_out_beams(
     require(leaving in LEAVING, 'leaving', leaving, f'one of {", ".join(LEAVING)}')
     used: list[PlacedScan] = []
     scans, returned, cells, left_out = [], [], [], 0
+    back = None if frame is None or frame == Pose2D() else frame.inverse()
     for whole, belief in placed:
         scan = _limited(whole, usable_range(whole, spec, max_range_m), no_return)
+        sensor = belief.mean if back is None else back.compose(belief.mean)
         if leaving == 'exclude':
             before = int(scan.informative().sum())
-            scan = _without_leaving(scan, belief.mean, spec)
+            scan = _without_leaving(scan, sensor, spec)
             left_out += before - int(scan.informative().sum())
         beams = scan.informative()
         if not beams.any():
             continue
         scans.append(np.full(int(beams.sum()), len(used), np.int64))
         returned.append(np.isfinite(scan.ranges_m[beams]))
-        cells.append(_end_cells(scan, belief.mean, spec)[beams])
+        cells.append(_end_cells(scan, sensor, spec)[beams])
         used.append(PlacedScan(scan, belief))
     if not used:
         none = np.zeros(0, np.int64)
@@ -148,6 +157,14 @@ def held_out_beams(
     return HeldOutBeams(
         used, np.concatenate(scans), np.concatenate(returned), np.concatenate(cells), left_out
     )
+
+
+def seen_from(frame: Pose2D, placed: Iterable[PlacedScan]) -> list[PlacedScan]:
+    """Return scans, at the means of their beliefs, in a frame that lies in theirs."""
+    if frame == Pose2D():
+        return list(placed)
+    back = frame.inverse()
+    return [PlacedScan.at(scan, back.compose(belief.mean)) for scan, belief in placed]
 
 
 def cells_of_ends(placed: Iterable[PlacedScan], spec: GridSpec) -> Int64Array:

@@ -1,16 +1,20 @@
 """`evaluate` of several maps: their figures are those of one, their differences are paired."""
 
 import json
+import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import yaml
 from PIL import Image
+from support.rooms import path_through, scans_of
 from support.strategies import fan
 
 from ogm_mcmc.cli.evaluate_several import named_maps
 from ogm_mcmc.cli.main import run
-from ogm_mcmc.config import OutputConfig
+from ogm_mcmc.config import MapperConfig, OutputConfig
+from ogm_mcmc.engine.live_map import map_of
 from ogm_mcmc.engine.saved_map import save_map
 from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.geometry import GridMap, GridSpec, PlacedScan, Pose2D
@@ -23,6 +27,7 @@ GOOD = np.where(TRUTH > 0, 0.9, 0.1).astype(np.float32)
 POOR = np.where(TRUTH > 0, 0.6, 0.3).astype(np.float32)
 
 SECOND = 1_000_000_000
+FRAME = Pose2D(1.5, -0.7, 0.9)
 
 
 @pytest.fixture
@@ -175,3 +180,83 @@ def test_a_map_too_far_away_for_beams_is_named(theirs, capsys):
     said = capsys.readouterr().err
     assert 'error: theirs: pose (' in said
     assert 'too far from the map' in said
+
+
+@pytest.fixture(scope='module')
+def drive(tmp_path_factory):
+    """A map of a room; the same of a SLAM system that began elsewhere; one of nothing there."""
+    folder = tmp_path_factory.mktemp('frames')
+    poses = path_through(12)
+    scans = scans_of(poses, 60, 0.01)
+    poses[:, :2] += 0.05  # walls in the middle of cells
+    placed = [
+        PlacedScan.at(replace(scan, stamp_ns=k * SECOND), Pose2D(*pose))
+        for k, (scan, pose) in enumerate(zip(scans, poses, strict=True), 1)
+    ]
+    began = FRAME.inverse()
+    of_slam = [PlacedScan.at(scan, began.compose(one.mean)) for scan, one in placed]
+    config = MapperConfig(resolution=0.1)
+    save_npz(map_of(placed, config), folder / 'ours.npz', {})
+    save_npz(map_of(of_slam, config), folder / 'theirs.npz', {})
+    speckle = np.random.default_rng(1).random((50, 70)) < 0.1
+    save_npz(
+        GridMap(GridSpec(0.1, 70, 50), np.where(speckle, 0.9, 0.1).astype(np.float32)),
+        folder / 'other.npz',
+        {},
+    )
+    write_recording(folder / 'bag', placed)
+    write_recording(folder / 'one', placed[:1])
+    return folder
+
+
+def test_maps_in_other_frames_are_found_and_judged_there(drive, monkeypatch, capsys):
+    monkeypatch.chdir(drive)
+    maps = ('ours.npz', 'theirs.npz', 'other.npz')
+    judge = ('--beams', 'bag', '--unknown', '0.15', '--points')
+    looked = (*judge, '--align', '--align-reach', '4', '--align-turn', '60')
+    given = asked(capsys, 'ours.npz', *judge)
+    result = asked(capsys, *maps, *looked)
+    assert given['beams']['scans_used'] == 12
+    assert 'alignment' not in given['beams']
+    assert result['settings']['align'] is True
+    ours, theirs, other = (result['maps'][name]['beams'] for name in ('ours', 'theirs', 'other'))
+    assert result['beams']['scans_used'] == 6
+    found = theirs['alignment']
+    here = Pose2D(3.0, 2.0)
+    frame = Pose2D(found['x_m'], found['y_m'], found['yaw_rad'])
+    off = FRAME.inverse().compose(here).inverse().compose(frame.inverse().compose(here))
+    assert math.hypot(off.x_m, off.y_m) < 0.05
+    assert abs(off.yaw_rad) < math.radians(0.4)
+    assert found['fits'] is True
+    assert found['above_as_given']['nats_per_beam'] > 1.0
+    # Cells lie otherwise on the walls, that is all.
+    assert theirs['nats_per_beam'] == pytest.approx(ours['nats_per_beam'], abs=0.3)
+    assert theirs['points']['roc_area'] == pytest.approx(ours['points']['roc_area'], abs=0.03)
+    assert theirs['ending_outside']['beams'] == 0
+    assert other['alignment']['fits'] is False
+    said = result['beams']['alignments']
+    assert [line.split(':')[0] for line in said] == ['ours', 'theirs', 'other']
+    assert 'fits nowhere for sure' in said[2]
+    assert said[2].endswith('; --align-reach 0 --align-turn 180 look everywhere')
+    # One map before the same judge.
+    alone = asked(capsys, 'theirs.npz', *looked)
+    assert alone['beams']['alignment'] == found
+    assert alone['beams']['nats_per_beam'] == theirs['nats_per_beam']
+    assert alone['points'] == theirs['points']
+
+
+@pytest.mark.parametrize(
+    ('options', 'said'),
+    [
+        (('--truth', 'ours.npz', '--align'), '--align: expected --beams BAG'),
+        (('--beams', 'bag', '--align-turn', '9'), '--align-turn: expected --align with it'),
+        (('--beams', 'bag', '--truth', 'ours.npz', '--align'), '--align with --truth'),
+        (('--beams', 'one', '--align'), 'one: 1 scan for --align: expected at least 2'),
+        (('--beams', 'bag', '--align', '--align-turn', '181'), 'align_turn'),
+    ],
+)
+def test_what_align_cannot_do_is_one_line(drive, monkeypatch, capsys, options, said):
+    monkeypatch.chdir(drive)
+    for maps in (('ours.npz',), ('ours.npz', 'theirs.npz')):
+        assert run(['evaluate', *maps, *options]) == 2
+        assert said in capsys.readouterr().err.splitlines()[-1]

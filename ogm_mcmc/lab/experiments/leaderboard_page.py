@@ -71,8 +71,8 @@ ogm_mcmc evaluate theirs=map.yaml --beams intel_judge --sigma 0.05 \\
     --no-return ignore --unknown 0.15
 ```
 
-The map has to be in the frame of these poses: a mapper that chose its own needs its map, or the
-poses of the bag, moved. Maps that only say free, unknown and occupied are judged as they are. A
+A map in another frame than these poses is found by `--align`, of every second scan; the others
+judge it. Maps that only say free, unknown and occupied are judged as they are. A
 beam that contradicts a certain cell costs much, so it is for the mapper to say how sure it is.
 
 ## What was not run
