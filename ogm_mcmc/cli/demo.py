@@ -92,7 +92,10 @@ def run(options: argparse.Namespace) -> int:
             f'the demo needs rclpy ({error}): pip install "ogm_mcmc[ros]", or source a ROS 2 setup'
         ) from error
     # Wrong values are refused before anything starts.
-    config_from(options, NodeMapperConfig)
+    if config_from(options, NodeMapperConfig).method == 'sonar':
+        raise ConfigError(
+            '--method sonar: expected one for LaserScan, which both maps are made of'
+        )
     StopConfig(max_time=options.sampling_time)
     with (
         folder_to_fill(options.folder.absolute()) as folder,

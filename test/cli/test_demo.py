@@ -5,6 +5,7 @@ import json
 
 import pytest
 from PIL import Image
+from support.commands import finished
 
 from ogm_mcmc.io.map_files import load_map
 
@@ -100,8 +101,15 @@ def test_demo_maps_a_log(run_process, tmp_path, data_folder):
     assert (tmp_path / 'out' / 'maps.png').is_file()
 
 
-def test_demo_refuses_before_it_starts(run_process, tmp_path):
-    done = run_process('demo', '-o', 'out', '--sampling-time', '0')
+@pytest.mark.parametrize(
+    ('option', 'value', 'message'),
+    [
+        ('--sampling-time', '0', 'max_time is 0.0: expected a number from 0.01'),
+        ('--method', 'sonar', '--method sonar: expected one for LaserScan'),
+    ],
+)
+def test_demo_refuses_before_it_starts(tmp_path, option, value, message):
+    done = finished('demo', '-o', tmp_path / 'out', option, value)
     assert done.returncode == 2
-    assert 'max_time is 0.0: expected a number from 0.01' in done.stderr
+    assert message in done.stderr
     assert not (tmp_path / 'out').exists()
