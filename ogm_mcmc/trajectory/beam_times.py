@@ -28,10 +28,10 @@ import numpy as np
 
 from ogm_mcmc.arrays import AnyArray, BoolArray, Float64Array, Int64Array
 from ogm_mcmc.trajectory.curvature import ROUGHLY, widening
-from ogm_mcmc.trajectory.factors import PoseFactors
+from ogm_mcmc.trajectory.normal_equations import NormalEquations
 from ogm_mcmc.trajectory.points import ScanPoints, wrapped
 from ogm_mcmc.trajectory.surfel_kernels import centre, gather
-from ogm_mcmc.trajectory.surfels import SurfelSystem, solve
+from ogm_mcmc.trajectory.surfels import SurfelSystem
 
 __all__ = ['BeamTimes', 'Speeds', 'bent_points', 'clear_numbers', 'shown_times', 'velocities']
 
@@ -140,22 +140,21 @@ def bent_points(points: ScanPoints, speeds: Float64Array, seconds: Float64Array)
 
 
 def shown_times(
-    system: SurfelSystem,
+    equations: NormalEquations,
     points: ScanPoints,
-    factors: PoseFactors,
     poses: Float64Array,
     speeds: Speeds,
     now: Float64Array,
     held: float,
     order: AnyArray,
 ) -> BeamTimes:
-    """Return what `system`, points around lines at poses (K, 3), tells of both numbers.
+    """Return what `equations`, points around lines at poses (K, 3), tell of both numbers.
 
     points  bent by the numbers `now` (2,), s
     held    how firmly points hold poses, see `curvature`
     order   (K,), that in which scans were taken
     """
-    at = factors.linearised(poses)
+    system = equations.system
     rate = _rates(system, poses, speeds.found * speeds.known[:, None])
     told = float(system.weight @ rate**2)
     if told == 0.0:
@@ -172,8 +171,8 @@ def shown_times(
         gather(change, system.jacobian, system.weight, system.scan, pull)
         changes.append(change)
         pulls.append(pull)
-        answers.append(solve(system, factors, at, pull, accuracy=ROUGHLY))
-    uphill = system.gradient + at.gradient
+        answers.append(equations.solve(pull, accuracy=ROUGHLY))
+    uphill = equations.gradient
     precision, gradient = np.empty((len(poses), 2, 2)), np.empty((len(poses), 2))
     for a in range(2):
         off = _by_scan(system, changes[a] * system.residual)

@@ -30,10 +30,10 @@ from __future__ import annotations
 import numpy as np
 
 from ogm_mcmc.arrays import Float64Array, Int64Array
-from ogm_mcmc.trajectory.factors import Linearised, PoseFactors
+from ogm_mcmc.trajectory.normal_equations import ACCURACY, NormalEquations
 from ogm_mcmc.trajectory.points import ScanPoints, wrapped
 from ogm_mcmc.trajectory.surfel_kernels import centre
-from ogm_mcmc.trajectory.surfels import ACCURACY, Stage, SurfelSystem, solve
+from ogm_mcmc.trajectory.surfels import Stage, SurfelSystem
 
 __all__ = [
     'ROUGHLY',
@@ -59,6 +59,9 @@ LEAST_SHOWN = 0.1
 SMOOTHED = 4
 DAMPING = 0.5
 
+# What holds poses so much less than the points of each scan would, their lines fixed, is rounding.
+ROUNDING = 1e-12
+
 # Accurate enough for a sum over all poses.
 ROUGHLY = 0.03
 
@@ -74,8 +77,8 @@ def held_share(
 
     deviation  (K, 3), along which that is measured
     """
-    expected = float((deviation * system.times(deviation)).sum())
-    if expected <= 0.0:
+    expected = _expected(system, deviation)
+    if expected == 0.0:
         return 1.0
     gradients = []
     for sign in (1.0, -1.0):
@@ -87,9 +90,7 @@ def held_share(
 
 
 def drawn_deviation(
-    system: SurfelSystem,
-    factors: PoseFactors,
-    at: Linearised,
+    equations: NormalEquations,
     rng: np.random.Generator,
     wider: float = 1.0,
     accuracy: float = ACCURACY,
@@ -100,25 +101,22 @@ def drawn_deviation(
     Points scatter so many times `wider` than it says (a sandwich: Huber 1967), and `together`
     times more in what stretches of scans have in common.
     """
-    right = wider * system.noise(rng)
+    right = wider * equations.system.noise(rng)
     if together != 1.0:
         # Solved for, that is what points do to poses, and (together - 1) `in_common` of it more.
-        inverse, smooth = np.linalg.inv(system.blocks + at.blocks), right
+        smooth = right
         for _ in range(SMOOTHED):
-            step = np.einsum('kij,kj->ki', inverse, smooth)
-            smooth = smooth - DAMPING * (system.times(step) + factors.times(at, step))
+            smooth = smooth - DAMPING * equations.times(equations.each_alone(smooth))
         right = right + (together - 1.0) * smooth
-    return solve(system, factors, at, right + factors.noise(at, rng), accuracy=accuracy)
+    noise = equations.factors.noise(equations.at, rng)
+    return equations.solve(right + noise, accuracy=accuracy)
 
 
-def in_common(
-    system: SurfelSystem, factors: PoseFactors, at: Linearised, deviation: Float64Array
-) -> Float64Array:
+def in_common(equations: NormalEquations, deviation: Float64Array) -> Float64Array:
     """Return what stretches of scans have in common of a deviation (K, 3)."""
-    inverse, left = np.linalg.inv(system.blocks + at.blocks), deviation
+    left = deviation
     for _ in range(SMOOTHED):
-        pulled = system.times(left) + factors.times(at, left)
-        left = left - DAMPING * np.einsum('kij,kj->ki', inverse, pulled)
+        left = left - DAMPING * equations.each_alone(equations.times(left))
     return left
 
 
@@ -135,8 +133,8 @@ def shown_variance(system: SurfelSystem, square: Int64Array, deviation: Float64A
 
     square  (A,) those entries of the system that may err together have the same number
     """
-    expected = float((deviation * system.times(deviation)).sum())
-    if expected <= 0.0:
+    expected = _expected(system, deviation)
+    if expected == 0.0:
         return 1.0
     along = np.einsum('ai,ai->a', system.jacobian, deviation[system.scan])
     mean = np.empty(system.total.size)
@@ -145,6 +143,16 @@ def shown_variance(system: SurfelSystem, square: Int64Array, deviation: Float64A
     together = np.bincount(square, pulls)
     independent = system.slope**2 * system.freedom * expected
     return max(float((together**2).sum()) / independent, LEAST_SHOWN)
+
+
+def _expected(system: SurfelSystem, deviation: Float64Array) -> float:
+    """Return d . H d of a deviation d (K, 3); 0 where it would be of rounding alone.
+
+    So it is where lines go with all that saw them, such as those of one scan that is shifted.
+    """
+    expected = float((deviation * system.times(deviation)).sum())
+    alone = float(np.einsum('ki,kij,kj->', deviation, system.blocks, deviation))
+    return expected if expected > ROUNDING * alone else 0.0
 
 
 def numbers_fitted(system: SurfelSystem, drawn: Float64Array) -> float:

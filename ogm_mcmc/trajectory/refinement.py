@@ -29,8 +29,9 @@ from ogm_mcmc.trajectory.curvature import (
 )
 from ogm_mcmc.trajectory.factors import PoseFactors
 from ogm_mcmc.trajectory.moves import Moves
+from ogm_mcmc.trajectory.normal_equations import NormalEquations, align
 from ogm_mcmc.trajectory.points import ScanPoints, poses_of, wrapped
-from ogm_mcmc.trajectory.surfels import Stage, SurfelSystem, align
+from ogm_mcmc.trajectory.surfels import Stage, SurfelSystem
 
 __all__ = ['TrajectoryProgress', 'TrajectoryRefinement']
 
@@ -201,14 +202,13 @@ class TrajectoryRefinement:
         share = 1.0
         for step in range(stage.steps):
             before = self.poses
-            self.poses, self._system = align(
-                self.points, before, self.factors, stage, self._fitted
-            )
+            self.poses, equations = align(self.points, before, self.factors, stage, self._fitted)
+            self._system = equations.system
             if step % 2 == 0:  # they change little, and cost as much as the step itself
-                share = self._held_by(self._system, before, stage)
+                share = self._held_by(equations, before, stage)
             blocks = share * self._system.blocks
             if stage.side_m <= RESCALED_FROM_M and step in TIMED_AFTER:
-                self._time_beams(self._system, before, share)
+                self._time_beams(equations, before, share)
             if self.config.rescale:
                 self.factors = self._rescaled(blocks, stage)
             if self.config.correlation < 0.0 and stage.side_m <= RESCALED_FROM_M:
@@ -217,30 +217,27 @@ class TrajectoryRefinement:
                 self.usable = True
             yield self._progress('aligned', stage.side_m, self.poses - before)
 
-    def _time_beams(self, system: SurfelSystem, poses: Float64Array, held: float) -> None:
-        """Find out when beams were taken from `system` around poses (K, 3); bend the points."""
+    def _time_beams(self, equations: NormalEquations, poses: Float64Array, held: float) -> None:
+        """Find out when beams were taken from what was solved around poses (K, 3); bend points."""
         if self._times is None or not self.config.beam_times:
             return
         speeds = velocities(poses, self.order, self._times)
         if not speeds.known.any():
             return
         now, self.speeds = self.beam_times.seconds, speeds.found
-        self.beam_times = shown_times(
-            system, self.points, self.factors, poses, speeds, now, held, self.order
-        )
+        self.beam_times = shown_times(equations, self.points, poses, speeds, now, held, self.order)
         self.points = bent_points(self._seen, self.speeds, self.beam_times.seconds)
 
-    def _held_by(self, system: SurfelSystem, poses: Float64Array, stage: Stage) -> float:
-        """Return how much of what `system` around poses (K, 3) says of them is so (`held_share`).
+    def _held_by(self, equations: NormalEquations, poses: Float64Array, stage: Stage) -> float:
+        """Return how much of what points around poses (K, 3) say of them is so (`held_share`).
 
         By the way, find out how many numbers of the poses its points decide.
         """
-        at = self.factors.linearised(poses)
-        probe = drawn_deviation(system, self.factors, at, self._fitting, accuracy=ROUGHLY)
-        self._fitted = numbers_fitted(system, probe)
+        probe = drawn_deviation(equations, self._fitting, accuracy=ROUGHLY)
+        self._fitted = numbers_fitted(equations.system, probe)
         if stage.side_m > RESCALED_FROM_M:
             return 1.0
-        return held_share(system, self.points, poses, stage, probe)
+        return held_share(equations.system, self.points, poses, stage, probe)
 
     def _rescaled(self, of_points: Float64Array, stage: Stage) -> PoseFactors:
         """Return the factors, beliefs and moves as sure as poses show them to be."""
@@ -267,15 +264,15 @@ class TrajectoryRefinement:
 
     def _drawing(self, stage: Stage) -> Iterator[TrajectoryProgress]:
         system = SurfelSystem.around(self.points, self.poses, stage, self._fitted)
-        at = self.factors.linearised(self.poses)
+        equations = NormalEquations.around(system, self.factors, self.poses)
         self._system, nowhere = system, np.zeros_like(self.poses)
         square = map_squares(self.points, self.poses, system)
         held, shown, of_stretches = [], [], []
         for _ in range(PROBES):
-            probe = drawn_deviation(system, self.factors, at, self._rng)
+            probe = drawn_deviation(equations, self._rng)
             held.append(held_share(system, self.points, self.poses, stage, probe))
             shown.append(shown_variance(system, square, probe))
-            common = in_common(system, self.factors, at, probe)
+            common = in_common(equations, probe)
             of_stretches.append(shown_variance(system, square, common))
         self.held, self.shown = float(np.mean(held)), float(np.mean(shown))
         # Less than single scans show is not believed of stretches.
@@ -284,9 +281,7 @@ class TrajectoryRefinement:
         self.aligned = True
         yield self._progress('curvature measured', stage.side_m, nowhere)
         for _ in range(self.config.draws):
-            drawn = drawn_deviation(
-                system, self.factors, at, self._rng, wider, together=self.together
-            )
+            drawn = drawn_deviation(equations, self._rng, wider, together=self.together)
             self.deviations.append(drawn)
             yield self._progress('drawn', stage.side_m, nowhere)
 

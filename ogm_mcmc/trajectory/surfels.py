@@ -9,13 +9,9 @@ integrated out; n the normal, p_i(x) a point as placed by the pose of its scan:
 
 f makes points that are no part of the line count little (Geman and McClure). Squares lie in four
 layers, shifted by half a side, each with a quarter of the weight. Together with the factors of
-`ogm_mcmc.trajectory.factors` this is quadratic around given poses, and what it says is solved for
-all poses together by conjugate gradients: a product costs one pass over the points, nothing of
-the size K x K is ever made. Eliminating the surfaces is what BALM does for three dimensions
-(Liu and Zhang 2021, "BALM: Bundle Adjustment for Lidar Mapping").
-
-A draw of the poses is a solution for a gradient with the precision as its covariance
-(perturb and solve: Papandreou and Yuille 2010): exact for the quadratic model, one solution each.
+`ogm_mcmc.trajectory.factors` this is quadratic around given poses; `normal_equations` solves for
+all poses together. Eliminating the surfaces is what BALM does for three dimensions (Liu and Zhang
+2021, "BALM: Bundle Adjustment for Lidar Mapping").
 """
 
 from __future__ import annotations
@@ -25,8 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ogm_mcmc.arrays import AnyArray, Float64Array, Int64Array
-from ogm_mcmc.trajectory.factors import Linearised, PoseFactors
-from ogm_mcmc.trajectory.points import ScanPoints, wrapped
+from ogm_mcmc.trajectory.points import ScanPoints
 from ogm_mcmc.trajectory.surfel_kernels import (
     SUMS,
     centre,
@@ -39,7 +34,7 @@ from ogm_mcmc.trajectory.surfel_kernels import (
     weigh,
 )
 
-__all__ = ['ACCURACY', 'Stage', 'SurfelSystem', 'align', 'solve']
+__all__ = ['Stage', 'SurfelSystem']
 
 LAYERS = ((0.0, 0.0), (0.5, 0.0), (0.0, 0.5), (0.5, 0.5))
 
@@ -48,9 +43,6 @@ LEAST_LENGTH = 0.125
 
 # Points are left at least such a share of their number to show how they scatter.
 LEAST_FREEDOM = 0.1
-
-# Conjugate gradients stop when the gradient is so small a part of what it was.
-ACCURACY = 1e-4
 
 
 class Stage(NamedTuple):
@@ -204,59 +196,3 @@ def _layer(
     share = 1.0 / len(LAYERS)
     weigh(x, y, sensor_x, sensor_y, sided, line, stage.cut_m, share, residual, jacobian, weight)
     return residual, jacobian, weight, sided, 2 * n_squares
-
-
-def solve(
-    system: SurfelSystem,
-    factors: PoseFactors,
-    at: Linearised,
-    right: Float64Array,
-    most: int = 60,
-    accuracy: float = ACCURACY,
-) -> Float64Array:
-    """Return x (K, 3) with (precision of system and factors) x = right, by conjugate gradients.
-
-    The blocks of the scans are the preconditioner, with moves of all scans as one where errors of
-    beliefs are alike: little holds those then. At most so many rounds.
-    """
-    inverse = np.linalg.inv(system.blocks + at.blocks)
-    rigid = at.rigid
-    stiff = [system.times(mode) + factors.times(at, mode) for mode in rigid]
-    soft = np.linalg.inv(np.einsum('akj,bkj->ab', rigid, np.array(stiff))) if stiff else None
-
-    def preconditioned(left: Float64Array) -> Float64Array:
-        scaled: Float64Array = np.einsum('kij,kj->ki', inverse, left)
-        if soft is None:
-            return scaled
-        together = soft @ np.einsum('akj,kj->a', rigid, left)
-        scaled += np.einsum('a,akj->kj', together, rigid)
-        return scaled
-
-    x, left = np.zeros_like(right), right.copy()
-    scaled = preconditioned(left)
-    along = scaled.copy()
-    size = first = float((left * scaled).sum())
-    for _ in range(most):
-        if size <= accuracy**2 * first or size == 0.0:
-            break
-        product = system.times(along) + factors.times(at, along)
-        length = size / float((along * product).sum())
-        x += length * along
-        left -= length * product
-        scaled = preconditioned(left)
-        before, size = size, float((left * scaled).sum())
-        along = scaled + size / before * along
-    return x
-
-
-def align(
-    points: ScanPoints,
-    poses: Float64Array,
-    factors: PoseFactors,
-    stage: Stage,
-    fitted: float = 0.0,
-) -> tuple[Float64Array, SurfelSystem]:
-    """Take one step of Gauss and Newton; return the poses (K, 3) and what it solved."""
-    system = SurfelSystem.around(points, poses, stage, fitted)
-    at = factors.linearised(poses)
-    return wrapped(poses + solve(system, factors, at, system.gradient + at.gradient)), system

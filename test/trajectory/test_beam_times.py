@@ -17,6 +17,7 @@ from ogm_mcmc.trajectory.beam_times import (
 )
 from ogm_mcmc.trajectory.curvature import widening
 from ogm_mcmc.trajectory.factors import PoseFactors
+from ogm_mcmc.trajectory.normal_equations import NormalEquations
 from ogm_mcmc.trajectory.points import ScanPoints, poses_of
 from ogm_mcmc.trajectory.surfels import Stage, SurfelSystem
 
@@ -113,7 +114,8 @@ def test_one_step_solves_for_poses_and_both_numbers(monkeypatch) -> None:
     points = bent_points(ScanPoints.of(scans), speeds.found, now)
     factors = PoseFactors.of([PoseBelief(p, SPREAD) for p in poses_of(TRUTH)], (1.0, 1.0, 1.0))
     system = SurfelSystem.around(points, TRUTH, STAGE)
-    found = shown_times(system, points, factors, TRUTH, speeds, now, 0.4, ORDER)
+    equations = NormalEquations.around(system, factors, TRUTH)
+    found = shown_times(equations, points, TRUTH, speeds, now, 0.4, ORDER)
     columns = np.zeros((system.weight.size, 3 * COUNT + 2))
     for a, k in enumerate(system.scan):
         c, s = np.cos(TRUTH[k, 2]), np.sin(TRUTH[k, 2])
@@ -135,7 +137,7 @@ def test_one_step_solves_for_poses_and_both_numbers(monkeypatch) -> None:
     deviations = np.sqrt(np.diagonal(np.linalg.inv(precision))[-2:]) * widening(system, 0.4)
     np.testing.assert_allclose(found.deviations, deviations, rtol=0.02)
     vague = speeds._replace(unsure=0.4 * speeds.found)
-    found = shown_times(system, points, factors, TRUTH, vague, now, 0.4, ORDER)
+    found = shown_times(equations, points, TRUTH, vague, now, 0.4, ORDER)
     assert not found.seconds.any()
     assert (found.deviations > 1.1 * deviations).all()
 

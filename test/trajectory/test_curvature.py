@@ -21,6 +21,7 @@ from ogm_mcmc.trajectory.curvature import (
     widening,
 )
 from ogm_mcmc.trajectory.factors import PoseFactors
+from ogm_mcmc.trajectory.normal_equations import NormalEquations
 from ogm_mcmc.trajectory.points import ScanPoints, poses_of
 from ogm_mcmc.trajectory.surfels import Stage, SurfelSystem
 
@@ -35,10 +36,16 @@ def dense(times) -> np.ndarray:
     return np.array([times(unit).reshape(-1) for unit in units]).T
 
 
+def around(points: ScanPoints) -> NormalEquations:
+    system = SurfelSystem.around(points, TRUTH, STAGE)
+    return NormalEquations.around(system, FACTORS, TRUTH)
+
+
 def test_draws_are_solutions_of_the_matrix() -> None:
     points = ScanPoints.of(scans_of(TRUTH, 90, 0.02))
-    system, at = SurfelSystem.around(points, TRUTH, STAGE), FACTORS.linearised(TRUTH)
-    drawn = drawn_deviation(system, FACTORS, at, np.random.default_rng(0))
+    equations = around(points)
+    system, at = equations.system, equations.at
+    drawn = drawn_deviation(equations, np.random.default_rng(0))
     rng = np.random.default_rng(0)
     noise = system.noise(rng) + FACTORS.noise(at, rng)
     matrix = dense(system.times) + dense(lambda x: FACTORS.times(at, x))
@@ -49,12 +56,13 @@ def test_draws_are_solutions_of_the_matrix() -> None:
 def test_only_what_points_hold_is_drawn_wider() -> None:
     """Points that scatter more, beliefs as they say: a sandwich, written down."""
     points = ScanPoints.of(scans_of(TRUTH, 90, 0.02))
-    system, at = SurfelSystem.around(points, TRUTH, STAGE), FACTORS.linearised(TRUTH)
+    equations = around(points)
+    system, at = equations.system, equations.at
     assert 0.5 < system.slope < 1.0
     assert widening(system, 1.0) == 1.0
     assert widening(system, 0.4) == pytest.approx(system.slope / 0.4)
     rng = np.random.default_rng(6)
-    drawn = [drawn_deviation(system, FACTORS, at, rng, 3.0).reshape(-1) for _ in range(400)]
+    drawn = [drawn_deviation(equations, rng, 3.0).reshape(-1) for _ in range(400)]
     of_points, of_beliefs = dense(system.times), dense(lambda x: FACTORS.times(at, x))
     bread = np.linalg.inv(of_points + of_beliefs)
     expected = np.diag(bread @ (9.0 * of_points + of_beliefs) @ bread)
@@ -69,6 +77,21 @@ def test_scans_that_share_nothing_are_not_asked() -> None:
     points = ScanPoints.of(scans_of(TRUTH, 2, 0.0))
     system = SurfelSystem.around(points, apart, STAGE)
     assert held_share(system, points, apart, STAGE, np.ones((COUNT, 3))) == 1.0
+
+
+def test_where_rounding_alone_holds_poses_nothing_is_asked() -> None:
+    """One scan by itself, shifted: its lines go with it, but for the last digit."""
+    alone = TRUTH[:1]
+    points = ScanPoints.of(scans_of(alone, 90, 0.02))
+    system = SurfelSystem.around(points, alone, STAGE)
+    square = map_squares(points, alone, system)
+    for heading in np.linspace(0.0, np.pi, 7):
+        shift = np.array([[np.cos(heading), np.sin(heading), 0.0]])
+        assert shown_variance(system, square, shift) == 1.0
+        assert held_share(system, points, alone, STAGE, shift) == 1.0
+    turn = np.array([[0.0, 0.0, 1.0]])  # lines stay as they run
+    assert shown_variance(system, square, turn) < 1.0
+    assert held_share(system, points, alone, STAGE, turn) == LEAST_HELD
 
 
 def test_it_is_what_gradients_at_both_sides_show() -> None:
@@ -88,9 +111,10 @@ def test_it_is_what_gradients_at_both_sides_show() -> None:
 def test_how_many_numbers_points_decide_is_a_trace() -> None:
     """Between none, where beliefs hold all, and three of each pose less where the map lies."""
     points = ScanPoints.of(scans_of(TRUTH, 90, 0.02))
-    system, at = SurfelSystem.around(points, TRUTH, STAGE), FACTORS.linearised(TRUTH)
+    equations = around(points)
+    system, at = equations.system, equations.at
     rng = np.random.default_rng(2)
-    drawn = [drawn_deviation(system, FACTORS, at, rng, accuracy=ROUGHLY) for _ in range(200)]
+    drawn = [drawn_deviation(equations, rng, accuracy=ROUGHLY) for _ in range(200)]
     found = np.mean([numbers_fitted(system, one) for one in drawn])
     of_points, of_beliefs = dense(system.times), dense(lambda x: FACTORS.times(at, x))
     expected = np.trace(of_points @ np.linalg.inv(of_points + of_beliefs))
@@ -117,18 +141,20 @@ def smoothing(system: SurfelSystem, at) -> np.ndarray:
 
 def test_what_stretches_have_in_common_is_left_by_steps_of_jacobi() -> None:
     points = ScanPoints.of(scans_of(TRUTH, 90, 0.02))
-    system, at = SurfelSystem.around(points, TRUTH, STAGE), FACTORS.linearised(TRUTH)
+    equations = around(points)
+    system, at = equations.system, equations.at
     moved = np.random.default_rng(3).normal(size=(COUNT, 3))
-    found = in_common(system, FACTORS, at, moved)
+    found = in_common(equations, moved)
     np.testing.assert_allclose(found.reshape(-1), smoothing(system, at) @ moved.reshape(-1))
 
 
 def test_what_stretches_have_in_common_is_drawn_wider_and_nothing_else() -> None:
     """Twice as wide: (I + S) times what points do to poses, to the last digit of a draw."""
     points = ScanPoints.of(scans_of(TRUTH, 90, 0.02))
-    system, at = SurfelSystem.around(points, TRUTH, STAGE), FACTORS.linearised(TRUTH)
+    equations = around(points)
+    system, at = equations.system, equations.at
     rng = np.random.default_rng(0)
-    drawn = drawn_deviation(system, FACTORS, at, rng, 1.5, accuracy=1e-12, together=2.0)
+    drawn = drawn_deviation(equations, rng, 1.5, accuracy=1e-12, together=2.0)
     rng = np.random.default_rng(0)
     of_points, of_beliefs = 1.5 * system.noise(rng), FACTORS.noise(at, rng)
     matrix = dense(system.times) + dense(lambda x: FACTORS.times(at, x))
