@@ -32,6 +32,7 @@ import numpy as np
 from ogm_mcmc.arrays import AnyArray, BoolArray, Int64Array
 from ogm_mcmc.config import ForwardModelConfig, MapperConfig, SamplerConfig, WindowConfig
 from ogm_mcmc.engine.grazing import Grazing, grazing_of
+from ogm_mcmc.engine.range_pairs import narrower, spread_of_pairs
 from ogm_mcmc.engine.range_spread import Spread, blur_of, contradicted, spread_of
 from ogm_mcmc.errors import WindowError
 from ogm_mcmc.geometry import CellBox, HeldRays, PlacedScan, Rays, cast_rays
@@ -144,7 +145,9 @@ def fit_sensor(
     seen = _Seen.of(mapper, math.ceil(2.0 * sigma / window.resolution))
     spread = grazing = None
     if given.sigma == 0.0:
-        spread = spread_of(seen.hits, seen.misses, seen.beside, window.resolution)
+        by_shares = spread_of(seen.hits, seen.misses, seen.beside, window.resolution)
+        by_pairs = spread_of_pairs(scans, window.resolution, window.max_range)
+        spread = narrower(by_shares, by_pairs)
         given = replace(given, sigma=spread.mean)
     if given.grazing < 0.0:
         sharp = 1.0 - blur_of(given.sigma, window.resolution)
