@@ -10,6 +10,7 @@ The places where the ways end are asked, too.
 from __future__ import annotations
 
 import math
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -20,11 +21,18 @@ from ogm_mcmc.config.nodes import RefineSamplerConfig
 from ogm_mcmc.config.settings import flatten
 from ogm_mcmc.engine.collision import BEHIND, LUMP_M2, chance_of_unknown, collision_risk
 from ogm_mcmc.engine.collision_kernels import reach
+from ogm_mcmc.engine.kept_samples import MOST_SAMPLES
 from ogm_mcmc.evaluation import reliability
 from ogm_mcmc.geometry import GridMap, SampleBits
 from ogm_mcmc.lab.experiments.datasets import run_all
-from ogm_mcmc.lab.experiments.localization_logs import log_of
-from ogm_mcmc.lab.experiments.localization_maps import maps_of, some_beams
+from ogm_mcmc.lab.experiments.localization_logs import DRIVING, LIDAR, MOST_SCANS, log_of
+from ogm_mcmc.lab.experiments.localization_maps import (
+    BURN_IN,
+    CHAINS,
+    SWEEPS_BETWEEN,
+    maps_of,
+    some_beams,
+)
 from ogm_mcmc.lab.experiments.results import row
 from ogm_mcmc.simulation import generate_floor
 
@@ -57,6 +65,8 @@ def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
         depends_on={
             'ways': [WAYS, RADIUS_M, SHARE, SHORTEST_M, LONGEST_M],
             'unknown': [LUMP_M2, BEHIND, 'geometric mean of the prior and built-up tiles'],
+            'drive': [asdict(LIDAR), asdict(DRIVING), MOST_SCANS],
+            'sweeps': [CHAINS, BURN_IN, SWEEPS_BETWEEN, MOST_SAMPLES],
             'sampler': flatten(RefineSamplerConfig()),
         },
     )

@@ -1,8 +1,9 @@
 """Many independent data sets: all cores, resumed when interrupted.
 
 Every finished data set leaves one JSON file, named after it and after everything it was made
-with. A later run computes only those that are missing: one with another seed, another size or
-another version finds nothing of its own and leaves what is there alone. Workers are processes
+with. A later run computes only those that are missing: one with another seed, another size,
+another version, or with code or a shipped prior that was edited since, finds nothing of its own
+and leaves what is there alone. Workers are processes
 started afresh (spawn): no state is inherited, so a data set gives the same result alone or among
 many.
 Ctrl-C, SIGTERM and errors end them at once (see `ogm_mcmc.lab.experiments.worker_pool`).
@@ -18,12 +19,14 @@ from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from contextvars import ContextVar
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from tqdm import tqdm
 
 from ogm_mcmc import __version__
+from ogm_mcmc.engine.prior_files import default_prior_file
 from ogm_mcmc.engine.signals import signals_later
 from ogm_mcmc.errors import ConfigError, OgmError
 from ogm_mcmc.files.output_files import replacing, writable_folder
@@ -32,6 +35,7 @@ from ogm_mcmc.lab.experiments.worker_pool import worker_pool
 __all__ = [
     'WORKERS_VARIABLE',
     'ExperimentError',
+    'code_digest',
     'digest_of',
     'run_all',
     'using_executor',
@@ -41,6 +45,9 @@ __all__ = [
 WORKERS_VARIABLE = 'OGM_MCMC_WORKERS'
 
 Work = Callable[..., dict[str, Any]]
+
+# What no result is made by: commands, nodes, pictures.
+NOT_OF_RESULTS = ('cli', 'plotting', 'ros')
 
 # Parts in progress, and their names.
 Running = dict[Future[dict[str, Any]], str]
@@ -86,8 +93,8 @@ def run_all(
     """Call `work(**arguments)` for every data set; return the results by name.
 
     `work` is a function of a module, its arguments and results are fit for JSON. Finished ones
-    are kept in `folder`. `depends_on`: what the results depend on beside arguments and version of
-    the package, constants and files that `work` reads. Raises ExperimentError when a process
+    are kept in `folder`. `depends_on`: what the results depend on beside arguments, code and prior
+    of the package, constants and files that `work` reads. Raises ExperimentError when a process
     dies; what is finished stays.
     `executor`, or that of `using_executor`, takes the place of local processes: anything with the
     interface of concurrent.futures, a cluster's as well.
@@ -185,6 +192,19 @@ def digest_of(*contents: bytes) -> str:
     return whole.hexdigest()[:16]
 
 
+@cache
+def code_digest() -> str:
+    """Return what tells the code of the package and its prior from those of another day."""
+    package = Path(__file__).parents[2]
+    sources = sorted(
+        path
+        for path in package.rglob('*.py')
+        if path.relative_to(package).parts[0] not in NOT_OF_RESULTS
+    )
+    named = (str(path.relative_to(package)).encode() + path.read_bytes() for path in sources)
+    return digest_of(*named, default_prior_file().read_bytes())
+
+
 class _Part(NamedTuple):
     """The file of a data set, and what it has to be made with."""
 
@@ -204,6 +224,7 @@ class _Part(NamedTuple):
             {
                 'work': f'{work.__module__}.{work.__qualname__}',
                 'version': __version__,
+                'code': code_digest(),
                 'arguments': arguments,
                 'depends_on': depends_on,
             },

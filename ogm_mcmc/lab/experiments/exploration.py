@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ogm_mcmc.arrays import Float64Array
+from ogm_mcmc.arrays import AnyArray, Float64Array
 from ogm_mcmc.config import ForwardModelConfig, MapperConfig
 from ogm_mcmc.config.nodes import RefineSamplerConfig
 from ogm_mcmc.config.settings import flatten
@@ -34,6 +34,7 @@ from ogm_mcmc.lab.experiments.datasets import run_all
 from ogm_mcmc.lab.experiments.exploration_views import (
     BEAMS,
     BURN_IN,
+    CHAINS,
     COUNTED,
     KEPT,
     PATIENCE_M,
@@ -67,8 +68,8 @@ MEASURES = {
 AT_END = {'border_f1': 'F1 at 0.5, border map', 'stops': 'stops'}
 
 NOTES = [
-    '+- are standard errors over all runs; differences to `traditional map` are paired by '
-    'building and seed: the same start and the same lidar.',
+    '+- are standard errors over buildings: runs of one are alike. Differences to `traditional '
+    'map` are paired by building and seed: the same start, the same lidar.',
     'Cells that were never measured count as free in F1: half a map misses the other half.',
 ]
 
@@ -109,7 +110,7 @@ def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
             'metres': METRES,
             'measures': {**MEASURES, **AT_END},
             'views': [PLACES, BEAMS, PATIENCE_M, WORTHLESS_NATS, UNKNOWN],
-            'sweeps': [SETTLING, KEPT, BURN_IN, COUNTED],
+            'sweeps': [CHAINS, SETTLING, KEPT, BURN_IN, COUNTED],
             'live': flatten(MapperConfig()),
             'sampler': flatten(RefineSamplerConfig()),
         },
@@ -126,7 +127,8 @@ def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
         'model': asdict(MODEL),
     }
     pictures = _draw(folder, of_policy)
-    return {'rows': rows_of(of_policy), 'pictures': pictures, 'settings': settings, 'notes': NOTES}
+    rows = rows_of(of_policy, [building for building, _ in names])
+    return {'rows': rows, 'pictures': pictures, 'settings': settings, 'notes': NOTES}
 
 
 def score(building: int, number: int, policy: str, seed: int) -> dict[str, Any]:
@@ -153,9 +155,10 @@ def score(building: int, number: int, policy: str, seed: int) -> dict[str, Any]:
 
 def _explored(world: GridWorld, policy: str, seed: Sequence[int]) -> Iterator[Visited]:
     """Yield what a robot sees until it has driven the last of `METRES` or nothing is left."""
-    way_rng, scan_rng, view_rng = np.random.default_rng(seed).spawn(3)
+    way_rng, scan_rng, view_rng, chain_rng = np.random.default_rng(seed).spawn(4)
     cell_m = world.spec.resolution_m
-    explorer = Explorer(policy, world.spec, MODEL, LIDAR.range_max_m, view_rng)
+    chain_seed = int(chain_rng.integers(2**31))
+    explorer = Explorer(policy, world.spec, MODEL, LIDAR.range_max_m, view_rng, chain_seed)
     settings = Exploration(reach=LIDAR.range_max_m / cell_m, max_stops=1000)
     choose = None if policy == POLICIES[0] else explorer.choose
     bearings, driven = LIDAR.bearings(), 0.0
@@ -189,8 +192,14 @@ def _f1(grid_map: GridMap, world: GridWorld) -> float:
     return float(counts.f1()[0])
 
 
-def rows_of(of_policy: Mapping[str, Sequence[Mapping[str, Any]]]) -> list[dict[str, Any]]:
-    """Return means with standard errors, and paired differences to the traditional map's."""
+def rows_of(
+    of_policy: Mapping[str, Sequence[Mapping[str, Any]]], buildings: Sequence[int]
+) -> list[dict[str, Any]]:
+    """Return means with standard errors, and paired differences to the traditional map's.
+
+    buildings  of each run, as many runs of each
+    """
+    of = np.array(buildings)
     measured = [
         (f'{what} after {metres:g} m', [_column(runs, key, k) for runs in of_policy.values()])
         for key, what in MEASURES.items()
@@ -203,8 +212,8 @@ def rows_of(of_policy: Mapping[str, Sequence[Mapping[str, Any]]]) -> list[dict[s
     for what, columns in measured:
         by_policy = dict(zip(of_policy, columns, strict=True))
         for policy, values in by_policy.items():
-            mean, error = _mean_and_error(values)
-            gained, of_gain = _mean_and_error(values - by_policy[POLICIES[1]])
+            mean, error = _over_buildings(values, of)
+            gained, of_gain = _over_buildings(values - by_policy[POLICIES[1]], of)
             remark = f'+- {error:.3g}; {gained:+.3g} +- {of_gain:.2g} to {POLICIES[1]}'
             rows.append(row(f'{what}: {policy}', mean, None, remark))
     return rows
@@ -214,8 +223,10 @@ def _column(runs: Sequence[Mapping[str, Any]], key: str, k: int | None = None) -
     return np.array([one[key] if k is None else one[key][k] for one in runs], np.float64)
 
 
-def _mean_and_error(values: Float64Array) -> tuple[float, float]:
-    error = values.std(ddof=1) / math.sqrt(values.size) if values.size > 1 else math.nan
+def _over_buildings(values: Float64Array, buildings: AnyArray) -> tuple[float, float]:
+    """Return the mean of runs (R,) and its standard error with buildings (R,) as independent."""
+    means = np.array([values[buildings == one].mean() for one in np.unique(buildings)])
+    error = means.std(ddof=1) / math.sqrt(means.size) if means.size > 1 else math.nan
     return float(values.mean()), float(error)
 
 

@@ -52,13 +52,16 @@ class Explorer:
         model: ForwardModelConfig,
         reach_m: float,
         rng: np.random.Generator,
+        chain_seed: int,
     ) -> None:
         self.policy, self.world, self.rng = policy, world, rng
         forward = ForwardModel.from_config(model)
         self.channel = ReadingChannel.of_model(forward, reach_m, world.resolution_m)
         self._scans: list[PlacedScan] = []
         self._live = make_method(MapperConfig(resolution=world.resolution_m))
-        self._refinement = Refinement(sampler_config(model, world.resolution_m, 1, SETTLING))
+        self._refinement = Refinement(
+            sampler_config(model, world.resolution_m, chain_seed, SETTLING)
+        )
 
     def take(self, placed: PlacedScan) -> None:
         """Remember a scan."""

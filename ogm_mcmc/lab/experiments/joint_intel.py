@@ -86,7 +86,7 @@ class Recorded(NamedTuple):
 def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
     """Refine from every start; quick: from the given poses only, with shorter chains."""
     recorded = read_recorded(intel_folder())
-    rows = judged('given, as it is', recorded, recorded.given, quick=quick)
+    rows = judged('given, as it is', recorded, recorded.given, quick=quick, seed=seed)
     config = TrajectoryConfig(seed=seed)
     for name, start, spread in starts_of(recorded, seed)[: 1 if quick else None]:
         began = time.process_time()
@@ -97,7 +97,7 @@ def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
         nats, error = PEER_NATS.get(name), PEER_RELATIONS[name]
         bent = BentScans().bent(recorded.scans, found.speeds, found.beam_times.seconds)
         moved = recorded._replace(scans=bent)
-        rows += judged(f'{name}, refined', moved, found.poses, nats, error, quick=quick)
+        rows += judged(f'{name}, refined', moved, found.poses, nats, error, quick=quick, seed=seed)
         sweep_s = float(found.beam_times.seconds[1])
         rows.append(row(f'{name}: from the first beam to the last, s', sweep_s))
         rows.append(row(f'{name}: time, s', seconds, None, 'of processors, draws included'))
@@ -196,6 +196,7 @@ def judged(
     error_m: float | None = None,
     *,
     quick: bool,
+    seed: int,
 ) -> list[dict[str, Any]]:
     """Return the rows of some poses; `nats` and `error_m` are those of the peer."""
     placed = poses_of(poses)
@@ -209,7 +210,10 @@ def judged(
     ]
     model = ForwardModel.from_config(JUDGE)
     rows = []
-    maps = {'traditional': traditional(mapped), 'border': border(mapped, 60 if quick else 100)}
+    maps = {
+        'traditional': traditional(mapped),
+        'border': border(mapped, 60 if quick else 100, seed),
+    }
     for k, (kind, (grid_map, prior)) in enumerate(maps.items()):
         beams = beam_log_likelihood(grid_map, held_out, model, prior=prior, no_return='ignore')
         peer = None if nats is None else nats[k]
@@ -236,13 +240,13 @@ def traditional(mapped: Sequence[PlacedScan]) -> tuple[GridMap, float]:
     return map_of(mapped, config), config.prior
 
 
-def border(mapped: Sequence[PlacedScan], sweeps: int) -> tuple[GridMap, float]:
+def border(mapped: Sequence[PlacedScan], sweeps: int, seed: int) -> tuple[GridMap, float]:
     """Return the mean of maps drawn with the border prior, and the prior of a cell."""
     config = SamplerConfig(
         model=JUDGE,
         window=WindowConfig(no_return='ignore'),
         patch=PatchConfig(prior='border', size=9),
-        chain=ChainConfig(chains=2, start='live', burn_in=30),
+        chain=ChainConfig(chains=2, start='live', burn_in=30, seed=seed),
     )
     refinement = Refinement(config)
     refinement.take(mapped)

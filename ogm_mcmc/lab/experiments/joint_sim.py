@@ -17,6 +17,7 @@ import numpy as np
 
 from ogm_mcmc.arrays import Float64Array
 from ogm_mcmc.config import MapperConfig, TrajectoryConfig
+from ogm_mcmc.config.settings import flatten
 from ogm_mcmc.engine.joint_poses import PoseRefinement
 from ogm_mcmc.engine.live_map import map_of
 from ogm_mcmc.evaluation import aligned
@@ -25,7 +26,12 @@ from ogm_mcmc.geometry import GridMap, PlacedScan
 from ogm_mcmc.lab.experiments.datasets import run_all
 from ogm_mcmc.lab.experiments.hundred_sets import set_names
 from ogm_mcmc.lab.experiments.pose_sim import (
+    BEAMS,
+    DROPOUT,
     FILTERS,
+    MAX_STOPS,
+    NOISE_M,
+    REACH_M,
     likeliest,
     localized,
     mapper_config,
@@ -64,7 +70,12 @@ def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
             for name, (b, r) in names.items()
         },
         title='joint-sim',
-        depends_on={'filters': {which: asdict(of) for which, of in FILTERS.items()}},
+        depends_on={
+            'filters': {which: asdict(of) for which, of in FILTERS.items()},
+            'lidar': [BEAMS, REACH_M, NOISE_M, DROPOUT, MAX_STOPS],
+            'map': flatten(mapper_config()),
+            'poses': flatten(TrajectoryConfig()),
+        },
     )
     rows = []
     for which in FILTERS:

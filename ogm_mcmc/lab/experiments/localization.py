@@ -43,10 +43,14 @@ from ogm_mcmc.lab.experiments.localization_logs import (
 )
 from ogm_mcmc.lab.experiments.localization_maps import (
     BURN_IN,
+    CHAINS,
     FIT_MODEL,
+    MEAN,
     POWER,
     READERS,
+    SAMPLES,
     SWEEPS_BETWEEN,
+    THREE,
     UNKNOWN,
     maps_of,
     readers_of,
@@ -122,7 +126,7 @@ def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
             'model': asdict(FIT_MODEL),
             'power': POWER,
             'unknown': UNKNOWN,
-            'sweeps': [BURN_IN, SWEEPS_BETWEEN, MOST_SAMPLES],
+            'sweeps': [CHAINS, BURN_IN, SWEEPS_BETWEEN, MOST_SAMPLES],
             'shown': 'known_map',
             'amcl': NAV2._asdict(),
             'live': flatten(MapperConfig()),
@@ -141,6 +145,7 @@ def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
         }
         for share in shares:
             rows += [_row(log, share, reader, of_log[share]) for reader in READERS]
+            rows += [_less(log, share, reader, THREE, of_log[share]) for reader in (MEAN, SAMPLES)]
         pictures |= _draw(folder, log, of_log)
     settings = {
         'seed': seed,
@@ -294,6 +299,20 @@ def _row(log: str, share: float, reader: str, runs: Sequence[Mapping[str, Any]])
         f'lost {of["lost"].said()}; found {of["found"].said()}'
     )
     return row(f'{log}, {100 * share:g} %: {reader}, m', of['error_m'].value, None, remark)
+
+
+def _less(
+    log: str, share: float, reader: str, other: str, runs: Sequence[Mapping[str, Any]]
+) -> dict[str, Any]:
+    """Return the row of a difference, paired by run: the same beams, chains and noise."""
+    pairs = [(one[reader]['error_m'], one[other]['error_m']) for one in runs]
+    gap = _with_error([a - b for a, b in pairs if a is not None and b is not None])
+    return row(
+        f'{log}, {100 * share:g} %: {reader} less {other}, m',
+        gap.value,
+        None,
+        f'+- {_shown(gap.error, 3)}, paired by run',
+    )
 
 
 def _draw(

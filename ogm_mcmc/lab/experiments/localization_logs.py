@@ -37,7 +37,18 @@ from ogm_mcmc.simulation import (
 from ogm_mcmc.trajectory import TrajectoryRefinement
 from ogm_mcmc.trajectory.points import poses_of, xyyaw
 
-__all__ = ['LOGS', 'RECORDED', 'Log', 'check_data', 'log_of', 'reference_of']
+__all__ = [
+    'DRIVING',
+    'INTEL_WHEELS',
+    'LIDAR',
+    'LOGS',
+    'MOST_SCANS',
+    'RECORDED',
+    'Log',
+    'check_data',
+    'log_of',
+    'reference_of',
+]
 
 LOGS = ('building-1', 'building-5', 'building-9', 'freiburg', 'intel')
 RECORDED = ('freiburg', 'intel')

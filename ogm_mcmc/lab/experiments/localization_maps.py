@@ -26,9 +26,15 @@ from ogm_mcmc.mapping import ProbabilityBeams
 from ogm_mcmc.simulation import ScanFit
 
 __all__ = [
+    'BURN_IN',
+    'CHAINS',
     'FIT_MODEL',
+    'MEAN',
     'POWER',
     'READERS',
+    'SAMPLES',
+    'SWEEPS_BETWEEN',
+    'THREE',
     'UNKNOWN',
     'Maps',
     'maps_of',

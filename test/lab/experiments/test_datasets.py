@@ -1,6 +1,7 @@
 """Many data sets: every one once, resumed after a death, an interrupt and a change."""
 
 import contextlib
+import itertools
 import json
 import os
 import signal
@@ -14,6 +15,7 @@ import pytest
 from support.tasks import square
 
 from ogm_mcmc.errors import ConfigError
+from ogm_mcmc.lab.experiments import datasets
 from ogm_mcmc.lab.experiments.datasets import ExperimentError, run_all, worker_count
 
 
@@ -46,6 +48,33 @@ def test_what_was_made_otherwise_is_made_anew_and_stays(tmp_path):
     assert calls(tmp_path / 'calls') == ['0-0', '1-0', '1-1', '2-0']
     run_all(tmp_path / 'out', square, work, workers=1, depends_on={'table': [1, 2]})
     assert calls(tmp_path / 'calls') == ['0-0', '0-1', '1-0', '1-1', '1-2', '2-0', '2-1']
+
+
+def test_what_other_code_made_is_made_anew(tmp_path, monkeypatch):
+    work = tasks(tmp_path / 'calls', 1)
+    run_all(tmp_path / 'out', square, work, workers=1)
+    monkeypatch.setattr(datasets, 'code_digest', lambda: 'of another day')
+    run_all(tmp_path / 'out', square, work, workers=1)
+    assert calls(tmp_path / 'calls') == ['0-0', '0-1']
+
+
+def test_the_digest_is_of_all_code_that_results_are_made_by(tmp_path, monkeypatch):
+    package = tmp_path / 'ogm_mcmc'
+    files = ('lab/experiments/datasets.py', 'engine/engine.py', 'cli/cli.py', 'top.py')
+    for file in files:
+        (package / file).parent.mkdir(parents=True, exist_ok=True)
+        (package / file).write_text('1')
+    prior = tmp_path / 'prior'
+    prior.write_text('1')
+    monkeypatch.setattr(datasets, '__file__', str(package / files[0]))
+    monkeypatch.setattr(datasets, 'default_prior_file', lambda: prior)
+    of = datasets.code_digest.__wrapped__
+    found = [of()]
+    for path in (*(package / file for file in files), prior):
+        path.write_text('2')
+        found.append(of())
+    changed = [before != after for before, after in itertools.pairwise(found)]
+    assert changed == [True, True, False, True, True]
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ import pytest
 
 from ogm_mcmc.config.nodes import RefineSamplerConfig
 from ogm_mcmc.lab.experiments import (
+    collisions,
     contests,
     exploration,
     leaderboard,
@@ -20,6 +21,10 @@ CONSTANTS = [
     (leaderboard, ['SWEEPS', 'BURN_IN', 'CHAINS_SAID', 'POINT_STEP_M', 'RUN', 'BEAMS', 'REACH_M']),
     (localization, ['LOST_M', 'LOST_RAD', 'OFF_M', 'OFF_RAD', 'FOUND_M', 'FOUND_RAD', 'TRIALS']),
     (localization, ['BURN_IN', 'SWEEPS_BETWEEN', 'MOST_SAMPLES', 'MOST_SCANS']),
+    (collisions, ['WAYS', 'RADIUS_M', 'SHARE', 'LUMP_M2', 'CHAINS', 'BURN_IN', 'SWEEPS_BETWEEN']),
+    (collisions, ['MOST_SAMPLES', 'MOST_SCANS']),
+    (exploration, ['CHAINS']),
+    (localization, ['CHAINS']),
     (refined_truth, ['MOST_SWEEPS', 'JUDGING_STEP', 'JUDGE', 'UNKNOWN']),
     (refined_truth, ['BUILDING_SEED', 'CELL_M', 'ROBOT_RADIUS_M']),
 ]

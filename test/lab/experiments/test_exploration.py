@@ -27,7 +27,7 @@ def rooms():
 
 def in_the_first_room(world, policy):
     """Return a robot that has measured the room on the left well."""
-    explorer = Explorer(policy, world.spec, exploration.MODEL, 7.5, np.random.default_rng(1))
+    explorer = Explorer(policy, world.spec, exploration.MODEL, 7.5, np.random.default_rng(1), 1)
     rng = np.random.default_rng(2)
     for x, y in ((1.0, 1.0), (2.0, 2.0), (1.0, 2.0), (2.0, 1.0)) * 2:
         pose = Pose2D(x, y, 0.0)
@@ -74,14 +74,15 @@ def test_differences_are_paired():
                 'border_f1': 0.5,
                 'stops': 3,
             }
-            for base in (10.0, 30.0)
+            for base in (10.0, 10.0, 30.0, 30.0)
         ]
         for k, policy in enumerate(POLICIES)
     }
-    rows = {line['what']: line for line in exploration.rows_of(runs)}
+    rows = {line['what']: line for line in exploration.rows_of(runs, [1, 1, 2, 2])}
     line = rows['area covered, m2 after 10 m: mean of maps']
     assert line['ours'] == pytest.approx(22.0)
-    # 20 apart: a standard error of 10, and none of the difference.
+    # Buildings are 20 apart: a standard error of 10, however many runs in each, and none of the
+    # difference.
     assert line['remark'] == '+- 10; +1 +- 0 to traditional map'
 
 

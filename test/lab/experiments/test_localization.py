@@ -197,11 +197,14 @@ def test_rows_say_what_each_reader_came_to(tmp_path, monkeypatch):
     monkeypatch.setattr(localization, 'run_all', pretended)
     result = localization.run(tmp_path, quick=True, seed=1)
     rows = {line['what']: line for line in result['rows']}
-    assert len(rows) == len(result['rows']) == 2 * len(READERS)
+    assert len(rows) == len(result['rows']) == 2 * (len(READERS) + 2)
     line = rows['building-9, 25 %: border mean, first hits, m']
     assert line['ours'] == pytest.approx(0.15)
     expected = '+- 0.050; 1.00 +- 0.00 degrees; lost 0.50 +- 0.50; found 0.25 +- 0.00'
     assert line['remark'] == expected
+    # Errors of a run are the same whoever reads: paired, nothing is left of them.
+    line = rows['building-9, 25 %: border mean, first hits less three values, first hits, m']
+    assert (line['ours'], line['remark']) == (0.0, '+- 0.000, paired by run')
     assert all((tmp_path / name).exists() for name in result['pictures'])
 
 
@@ -216,6 +219,7 @@ def test_joint_poses_of_a_log_are_estimated_once_for_all_runs(tmp_path, monkeypa
     monkeypatch.setattr(localization, 'run_all', pretended)
     monkeypatch.setattr(localization, 'check_data', lambda _: None)
     monkeypatch.setattr(localization, '_row', lambda *_: {})
+    monkeypatch.setattr(localization, '_less', lambda *_: {})
     monkeypatch.setattr(localization, '_draw', lambda *_: {})
     localization.run(tmp_path, quick=False, seed=1)
     (first, references), (second, parts) = asked
