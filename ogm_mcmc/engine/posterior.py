@@ -74,7 +74,7 @@ class Grown(NamedTuple):
         """Return what rays that stayed hit first in each chain, for the window as it is now."""
         here, again = window.spec, window.said_more
         found = []
-        for cells, records, _ in self.states:
+        for cells, records, *_ in self.states:
             if self.dropped is not None:
                 records = records[self.dropped.staying]
             found.append(HitsBefore(cells, self.spec, records, here, again))

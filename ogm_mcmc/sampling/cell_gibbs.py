@@ -12,7 +12,13 @@ from ogm_mcmc.errors import GridError, require
 from ogm_mcmc.sampling.first_hits import HitsBefore, first_hits
 from ogm_mcmc.sampling.gibbs_kernels import sweep_cells
 from ogm_mcmc.sampling.informed import arrival
-from ogm_mcmc.sampling.kept_odds import NOT_KEPT, draw_lists, forget_odds, odds_to_keep, zones_of
+from ogm_mcmc.sampling.kept_odds import (
+    NOT_KEPT,
+    draw_lists,
+    forget_odds,
+    odds_to_keep,
+    zones_of,
+)
 from ogm_mcmc.sampling.ray_index import RayIndex
 
 __all__ = [
@@ -34,17 +40,21 @@ ORDERS = ('fixed', 'random', 'checkerboard')
 class GibbsState(NamedTuple):
     """What the next sweep needs: `cells` (K,) uint8 and what each ray hits, `records`.
 
-    `records` (N, 4) int32 follows from `cells`; see `ogm_mcmc.sampling.gibbs_kernels`. So does
-    `odds` (K, 2) float32, where they are kept (`ogm_mcmc.sampling.kept_odds`).
+    `records` (N, 4) int32 follows from `cells`; see `ogm_mcmc.sampling.gibbs_kernels`. So do
+    `odds` (K, 2) float32 and `ways` (N, 8) int32, where log-odds are kept
+    (`ogm_mcmc.sampling.kept_odds`).
     """
 
     cells: UInt8Array
     records: AnyArray
-    odds: Float32Array = NOT_KEPT
+    odds: Float32Array = NOT_KEPT.odds
+    ways: AnyArray = NOT_KEPT.ways
 
     def copy(self) -> GibbsState:
         """Return a state that a kernel may change."""
-        return GibbsState(self.cells.copy(), self.records.copy(), self.odds.copy())
+        return GibbsState(
+            self.cells.copy(), self.records.copy(), self.odds.copy(), self.ways.copy()
+        )
 
 
 class SweepInfo(NamedTuple):
@@ -72,8 +82,8 @@ def draw_cells(
     ceiling  (K,) no map of the other cells gives a cell a higher probability (see
              `highest_probability`, of the same prior `log_odds`)
     """
-    cells, records, odds = state
-    forget_odds(odds)
+    cells, records = state[:2]
+    forget_odds(state.odds)
     bits = records.view(np.float32)
     arrays = index.arrays()
     return int(sweep_cells(rng, order, cells, records, bits, ceiling, log_odds, *arrays))
@@ -155,7 +165,7 @@ class CellModel(IndexedModel):
         mine = np.zeros(self.n_cells, np.uint8)
         mine[self.touched] = cells[self.touched] != 0
         hits = first_hits(mine, self.index, before)
-        return GibbsState(mine, hits, odds_to_keep(self.index))
+        return GibbsState(mine, hits, *odds_to_keep(self.index, self.zones))
 
     def advance(
         self,

@@ -12,56 +12,59 @@ Decision. The log-odds of a free cell follow from the first hits of its rays, so
 with how many rays arrive, and a ray whose first hit changes tells its cells: what those in front
 gain or lose, what it adds to those that it reaches now, or no longer. A free cell with u above
 what is kept takes no look at a ray; one where no ray arrives (half of all) is the prior's.
-Occupied cells are summed up, in full: what lies behind them changes all the time. To spare the
-way through free space a ray tells cells in front of its zone, where ending is `FAR` below its
-best, nothing while it fits: there it counts as ending at `SLIP` below its best or lower, which is
-an upper bound. Draws are those of `draw_cells`, bit for bit, and the tests say so.
+Occupied cells are summed up, in full: what lies behind them changes all the time. For that the
+rays that end in a cell hang together in a list, so that nobody searches for them among those that
+were stopped before. To spare the way through free space a ray tells cells in front of its zone,
+where ending is `FAR` below its best, nothing while it fits: there it counts as ending at `SLIP`
+below its best or lower, which is an upper bound. Draws are those of `draw_cells`, and the tests
+say so; rays that end in a cell are added up in another order, which changes a sum by 1e-15.
+
+The cells of a ray lie side by side with their likelihoods (`paths`), so that one that goes on, or
+tells, reads on from where it is. Before each 256 cells those that will be looked at are found, and
+the memory of their rays is asked for (`fetching`). u is compared with what is kept through its
+bits, without a logarithm, and cells where no ray arrives are drawn without a branch.
 
 Consequence. The scene, after 20 sweeps, beside a plain loop that sums up all pairs of each cell
-from one flat list, the same draws, in one run, ratio of processor times, on a busy machine (load
-5 to 22; the plain loop takes 12 to 17 ns a pair there):
+from one flat list, the same draws, ratio of processor times; whole rays (1 737 000 pairs, 347 000
+cells) and rays cut 4 sigma behind the reading (804 000, 236 000). `bench sample` gives the last
+row as `plain_loop`; rows up to the gap were measured in an earlier round, with the plain loop at
+12 to 17 ns a pair, the others in turn with each other at 9 to 11, load 15 to 40:
 
-=================================================  =====================  ====================
-..                                                 whole rays             cut 4 sigma behind
-pairs, cells                                       1 737 000, 347 000     804 000, 236 000
-=================================================  =====================  ====================
-bounds by rays that fit, marked in each sweep      1.13                   1.41
-log-odds kept, rays tell all of their cells        .82                    1.14 to 1.22
-... and zones, random numbers drawn at once        .72 to .76             .98 to 1.01
-**... and likelihoods side by side along rays**    .63 to .72             .89 to 1.02
-=================================================  =====================  ====================
+===============================================================  ============  =============
+..                                                               whole         cut
+===============================================================  ============  =============
+bounds by rays that fit, marked in each sweep                    1.13          1.41
+log-odds kept, rays tell all of their cells                      .82           1.14 to 1.22
+... and zones, random numbers drawn at once                      .72 to .76    .98 to 1.01
+... and likelihoods side by side along rays                      .63 to .72    .89 to 1.02
+..
+the same                                                         .59 to .63    .93 to .96
+cells beside their likelihoods: no lines to follow               .55           .72
+zones from 5 nats below the best on in place of 8, SLIP 4 not 3  .52           .66
+rays that end in a cell hang together                            .49           .71
+comparing bits; asking for memory ahead                          .40           .60
+a loop of its own for cells that nobody looks at                 .38           .55
+**one line of numbers a ray; asking for what lies in front**     .35 to .36    .52 to .56
+===============================================================  ============  =============
 
-With nothing else running the last row is .63 to .65 and .81 to .94 (two programs, one run each).
+With little else running the row `the same` was .61 and .78, so the last one should gain on cut
+rays, too; it was not measured.
 
-The goal of .4 is not met. `bench sample` takes the last row (`plain_loop`): .62 to .67 and .85 to
-.98 in eight runs on a busy machine. Parts of the scene, scans from its beginning, one run each,
-and what a sweep touches (ours; next, of a permuted list, a cache line after the other takes 5 ns
-in 0.3 MB, 15 in 0.7, 23 in 1.3, 110 in 3, 140 to 160 in 6 to 20: L2 has 0.5 MB):
+The goal of .4 is met for whole rays, and missed by .12 to .16 for cut ones. Of a sweep of these
+4.7 ms remain, of which (samples of the program counter) random numbers .4, comparing bits and
+finding whom to look at .7, asking .4, cells that nobody looks at .6, sums of 9 200 occupied cells
+.7, of 3 700 free ones .4, flips and what 11 300 rays tell 1.5. The plain loop takes 8.7 ms there
+for 3.4 pairs a cell: .4 would be 15 ns a cell, random number included. With five scans, which fit
+into L2, the ratio is .5 to .6: the rest is work, and cells behind walls, the cheapest, are what
+cut rays leave out. That loop, for its part, counts references in `next_hit` (7 % of its time).
 
-===================  ======  =============  ============  =====  ======  =============  =====
-..                   whole   .              .             .      cut     .              .
-scans                MB      ours, ns/cell  plain, /pair  ratio  MB      ours, ns/cell  ratio
-===================  ======  =============  ============  =====  ======  =============  =====
-1                    0.9     13             18            .54    0.5     19             .79
-3                    6.5     18             20            .68    4.2     33             .79
-10                   11      27             29            .68    6.2     46             1.00
-30                   19      22             19            .69    10      36             1.04
-100                  36      38             12            .65    20      48             .98
-===================  ======  =============  ============  =====  ======  =============  =====
-
-So up to 60 % of a sweep is waiting (cut, .09 of the cells flip with one scan, .08 with all; but a
-cell has twice the pairs): at the speed of one scan, which fits into L2, the scene would take .22
-and .39 of what the plain loop takes. That loop reads its pairs one after the other and hardly
-waits, while a ray that is told has its lines all over the map: 29 ns a cell more are what some
-60 000 lines from beyond L2 take, for 19 000 flips (cut). Where all fits into L2 for both, the
-ratio is .54 and .79 still: there it is work, not memory.
-
-Of 12 ms (cut) 3 to 3.5 are for one look at each cell, 2.5 for summing up 13 000 cells, 3 for what
-lies behind their 17 500 first hits, 3 for flips and what rays tell. Tried without gain: asking for
-rays of the next 32 cells ahead (`llvm.prefetch`): 3 ms to ask, 3 less afterwards; 8 bytes a cell
-in place of 16, without where its list begins (same time in pairs of runs; taken, as it is less).
-Kept are 8 bytes a cell and chain, and 4 bytes a place of a ray, for models that are level nowhere
-only.
+Tried without gain: asking cell by cell from lists of all rays (3 ms to ask, 3 less afterwards);
+asking 64 or 512 cells ahead; for rays of free cells, too; for records; zones of 3 to 6 nats with
+SLIP 3 to 5 (all within 3 %). Not tried: finding cells to look at with vector instructions and
+going through them alone (a flip changes who is to be looked at, each 32 cells one does), which
+could save up to .5 ms; telling cells in front only when a ray leaves a band of likelihoods.
+Kept are 8 bytes a cell and 32 a ray and chain, 8 a place of a ray and 24 a ray, for models that
+are level nowhere only.
 """
 
 from __future__ import annotations
@@ -72,15 +75,17 @@ import numpy as np
 from numpy.random import Generator
 
 from ogm_mcmc.arrays import AnyArray, Float32Array, UInt8Array
-from ogm_mcmc.sampling.kept_odds_kernels import find_zones, sweep_lists
+from ogm_mcmc.sampling.kept_odds_kernels import ARRIVING, FORGOTTEN, sweep_lists
 from ogm_mcmc.sampling.ray_index import RayIndex
 from ogm_mcmc.sampling.ray_index_kernels import WIDTH
 from ogm_mcmc.sampling.ray_line_kernels import LOW_16, SHAPE
+from ogm_mcmc.sampling.ray_path_kernels import find_paths
 
 __all__ = [
     'NOT_KEPT',
-    'VALUE_BYTES',
+    'PATH_BYTES',
     'ZONE_BYTES',
+    'KeptOdds',
     'Zones',
     'draw_lists',
     'forget_odds',
@@ -88,35 +93,48 @@ __all__ = [
     'zones_of',
 ]
 
-ZONE_BYTES, VALUE_BYTES = 16, 4
+ZONE_BYTES, PATH_BYTES = 24, 8
 """Memory of `Zones`: for each ray, and for each place of one."""
 
-NOT_KEPT: Float32Array = np.empty((0, 2), np.float32)
-"""The odds of a state of which none are kept."""
 
-
-def odds_to_keep(index: RayIndex) -> Float32Array:
-    """Return room (K, 2) for what a state keeps, empty where rays are level anywhere."""
-    if index.runs.size or not index.n_rays:
-        return NOT_KEPT
-    odds = np.empty((index.n_cells, 2), np.float32)
-    forget_odds(odds)
-    return odds
-
-
-class Zones(NamedTuple):
-    """Of rays that are level nowhere: `zones` (N, 4) int32 and `values` (V,) float32.
+class KeptOdds(NamedTuple):
+    """What a chain keeps beside its map: `odds` (K, 2) float32 and `ways` (N, 8) int32.
 
     See `ogm_mcmc.sampling.kept_odds_kernels`.
     """
 
+    odds: Float32Array
+    ways: AnyArray
+
+
+NOT_KEPT = KeptOdds(np.empty((0, 2), np.float32), np.empty((0, 8), np.int32))
+"""The odds of a state of which none are kept."""
+
+
+def odds_to_keep(index: RayIndex, rays: Zones) -> KeptOdds:
+    """Return room for what a state keeps, none where rays are level anywhere."""
+    if not rays.zones.size:
+        return NOT_KEPT
+    ways = np.empty((index.n_rays, 8), np.int32)
+    ways[:, :4] = rays.zones
+    kept = KeptOdds(np.empty((index.n_cells, 2), np.float32), ways)
+    forget_odds(kept.odds)
+    return kept
+
+
+class Zones(NamedTuple):
+    """Of rays that are level nowhere: `zones` (N, 4) int32 and `paths` (V, 2) int32.
+
+    See `ogm_mcmc.sampling.ray_path_kernels`.
+    """
+
     zones: AnyArray
-    values: Float32Array
+    paths: AnyArray
 
     @property
     def n_bytes(self) -> int:
-        """Memory of both: `ZONE_BYTES` a ray and `VALUE_BYTES` a place of one."""
-        return int(self.zones.nbytes + self.values.nbytes)
+        """Memory of both: `ZONE_BYTES` a ray and `PATH_BYTES` a place of one."""
+        return int(self.zones.nbytes + self.paths.nbytes)
 
 
 def zones_of(index: RayIndex) -> Zones:
@@ -124,41 +142,41 @@ def zones_of(index: RayIndex) -> Zones:
     shapes = index.rays[: 0 if index.runs.size else index.n_rays, SHAPE]
     places = (shapes & LOW_16) + ((shapes >> 16) & LOW_16) + 1
     zones = np.zeros((shapes.size, 4), np.int32)
-    values = np.zeros(int(places.sum()), np.float32)
+    paths = np.empty((int(places.sum()) + places.size, 2), np.int32)
     if zones.size:
-        near_bits, ray_bits = index.near.view(np.float32), index.rays.view(np.float32)
-        find_zones(
-            index.marks, index.lists, index.near, near_bits, index.rays, ray_bits,
-            index.grid[WIDTH], zones, zones.view(np.float32), values,
+        find_paths(
+            index.marks, index.lists, index.near, index.near.view(np.float32), index.rays,
+            index.rays.view(np.float32), index.grid[WIDTH], zones, zones.view(np.float32), paths,
+            paths.view(np.float32),
         )  # fmt: skip
-    return Zones(zones, values)
+    return Zones(zones, paths)
 
 
 def forget_odds(odds: Float32Array) -> None:
     """Let the next sweep begin anew: cells were changed by something else."""
-    odds[:1] = np.nan
+    odds.view(np.int32)[:1, ARRIVING] = FORGOTTEN
 
 
 def draw_lists(
     rng: Generator,
     order: AnyArray,
-    state: tuple[UInt8Array, AnyArray, Float32Array],
+    state: tuple[UInt8Array, AnyArray, Float32Array, AnyArray],
     index: RayIndex,
     rays: Zones,
     log_odds: float,
 ) -> int:
     """Draw the cells of `order` (C,) int32 as `draw_cells` does; return the number of flips.
 
-    state  cells (K,), records (N, 4) int32, see `gibbs_kernels`, and odds (K, 2), of the same
+    state  cells (K,), records (N, 4) int32, see `gibbs_kernels`, and what is kept, of the same
            prior `log_odds`
     """
-    cells, records, odds = state
+    cells, records, odds, ways = state
     numbers = rng.random(order.size)
-    near_bits, ray_bits = index.near.view(np.float32), index.rays.view(np.float32)
     return int(
         sweep_lists(
             numbers, order, cells, records, records.view(np.float32), log_odds, odds,
-            rays.zones, rays.zones.view(np.float32), rays.values,
-            index.marks, index.lists, index.near, near_bits, index.rays, ray_bits, index.grid,
+            odds.view(np.int32), ways, ways.view(np.float32), rays.paths,
+            rays.paths.view(np.float32), index.marks, index.lists, index.near,
+            index.near.view(np.float32), index.grid[WIDTH],
         )
     )  # fmt: skip

@@ -19,7 +19,7 @@ from ogm_mcmc.sampling.beam_rays import (
     most_near_cells,
     rays_of_scan,
 )
-from ogm_mcmc.sampling.kept_odds import VALUE_BYTES, ZONE_BYTES
+from ogm_mcmc.sampling.kept_odds import PATH_BYTES, ZONE_BYTES
 from ogm_mcmc.sampling.ray_batch import Batch, in_blocks
 from ogm_mcmc.sampling.ray_dropping import without
 from ogm_mcmc.sampling.ray_filing import Said, extended
@@ -215,7 +215,7 @@ class RayWindow:
         near = np.minimum(cells, most_near_cells(rays, self.model, self.config.resolution))
         box = self._box_around(rays)
         n_rays, pairs = rays.length.size, int(cells.sum())
-        zones = ZONE_BYTES * n_rays + VALUE_BYTES * pairs if self._zones else 0
+        zones = ZONE_BYTES * n_rays + PATH_BYTES * pairs if self._zones else 0
         return WindowSize(n_rays, pairs, box, int(near.sum()), zones)
 
     def _box_around(self, rays: BeamRays) -> CellBox:

@@ -18,8 +18,18 @@ from ogm_mcmc.sampling import CellModel, RayWindow
 from ogm_mcmc.sampling.cell_gibbs import draw_cells
 from ogm_mcmc.sampling.first_hits import first_hits
 from ogm_mcmc.sampling.kept_odds import odds_to_keep, zones_of
-from ogm_mcmc.sampling.kept_odds_kernels import ARRIVING, FAR, LOG_ODDS, SLIP
-from ogm_mcmc.sampling.ray_index_kernels import WIDTH
+from ogm_mcmc.sampling.kept_odds_kernels import (
+    ARRIVING,
+    AT,
+    BEFORE,
+    LOG_ODDS,
+    NEXT,
+    NOBODY,
+    least_free,
+    least_log_odds,
+)
+from ogm_mcmc.sampling.ray_index_kernels import NOTHING, WIDTH
+from ogm_mcmc.sampling.ray_path_kernels import CELL, ENDS, FAR, OFFSET, SLIP
 
 
 def assert_same_draws(model, start, seed, sweeps):
@@ -40,7 +50,7 @@ def assert_same_draws(model, start, seed, sweeps):
 @settings(REPEATABLE, max_examples=25)
 def test_draws_of_small_windows(problem, seed):
     window = problem.indexed()
-    assume(odds_to_keep(window.index).size > 0)
+    assume(odds_to_keep(window.index, zones_of(window.index)).odds.size > 0)
     model = CellModel(window.index, problem.prior_log_odds, window.spec.width)
     start = (np.random.default_rng(seed).random(model.n_cells) < 0.5).astype(np.uint8)
     assert_same_draws(model, start, seed, 4)
@@ -115,9 +125,11 @@ def test_what_is_kept_is_what_the_map_says(sigma_m):
     for _ in range(3):
         assert model.advance(rng, state) > 10
     odds, arriving, slack = by_definition(model, state)
-    assert np.array_equal(state.odds[:, ARRIVING], arriving)
     kept = state.odds[:, LOG_ODDS].astype(np.float64)
+    assert np.array_equal(np.isnan(kept), arriving == 0)
+    assert np.isinf(kept[(arriving > 0) & (state.cells != 0)]).all()
     free = (arriving > 0) & (state.cells == 0)
+    assert np.array_equal(state.odds.view(np.int32)[free, ARRIVING], arriving[free])
     known = free & np.isfinite(kept)
     assert np.count_nonzero(known) > 0.99 * np.count_nonzero(free) > 1000
     over = kept[known] - odds[known]
@@ -126,13 +138,65 @@ def test_what_is_kept_is_what_the_map_says(sigma_m):
     assert (over < slack[known] + 20.0 * rounding).all()
 
 
+def test_rays_that_end_in_a_cell_hang_together():
+    """As told of flips, after sweeps from a wild start, beside what records say."""
+    model = room(0.4, wrong=10)
+    start = (np.random.default_rng(1).random(model.n_cells) < 0.3).astype(np.uint8)
+    state, rng = model.start(start), np.random.default_rng(4)
+    for _ in range(3):
+        assert model.advance(rng, state) > 10
+    paths, ways = model.zones.paths, state.ways
+    hit = state.records[:, 0] != NOTHING
+    at = np.where(hit, state.records[:, 0] + ways[:, OFFSET], ways[:, ENDS])
+    assert np.array_equal(ways[:, AT], at)
+    ends = paths[at, CELL]
+    met = 0
+    for cell in np.unique(ends[hit]):
+        ray, last, mine = state.odds.view(np.int32)[cell, ARRIVING], NOBODY, []
+        while ray != NOBODY:
+            assert ways[ray, BEFORE] == last
+            mine.append(ray)
+            ray, last = ways[ray, NEXT], ray
+        assert sorted(mine) == np.flatnonzero(ends == cell).tolist()
+        met += len(mine)
+    assert met == np.count_nonzero(hit) > 100
+
+
+def test_random_numbers_are_compared_without_a_logarithm():
+    """What is compared is never above the logit, and seldom far below it."""
+    numbers = np.concatenate(
+        (
+            np.random.default_rng(7).random(1000),
+            2.0 ** -np.arange(1, 54),
+            1.0 - 2.0 ** -np.arange(1, 54),
+        )
+    )
+    least = np.empty(numbers.size, np.float32)
+    least_log_odds(numbers, least)
+    low = least.astype(np.float64)
+    assert (low <= np.log(numbers / (1.0 - numbers))).all()
+    assert (low > np.log(numbers) - 0.061).all()
+    least_log_odds(np.zeros(1), least)
+    assert least[0] == -np.inf
+
+
+@pytest.mark.parametrize('prior', [-1.7, 0.0, 2.5])
+def test_cells_that_no_ray_reaches_follow_the_same_comparison(prior):
+    u = least_free(prior)
+    below = u - 2.0**-53
+    assert not prior > math.log(u / (1.0 - u))
+    assert prior > math.log(below / (1.0 - below))
+
+
 def test_a_copy_goes_on_with_what_is_kept():
     model = room(0.4)
     state = model.start(np.zeros(model.n_cells, np.uint8))
     model.advance(np.random.default_rng(5), state)
     copy = state.copy()
-    assert np.array_equal(copy.odds, state.odds)
+    assert np.array_equal(copy.odds, state.odds, equal_nan=True)
+    assert np.array_equal(copy.ways, state.ways)
     assert copy.odds is not state.odds
+    assert copy.ways is not state.ways
     assert model.advance(np.random.default_rng(6), copy) == model.advance(
         np.random.default_rng(6), state
     )
@@ -163,4 +227,4 @@ def test_rays_that_are_level_somewhere_are_drawn_as_ever():
     window = RayWindow(WindowConfig(resolution=0.2), ForwardModelConfig(sigma=0.05))
     window.add([PlacedScan.at(fan(5.0), Pose2D(0.0, 0.0))])
     assert window.index.runs.size > 0
-    assert odds_to_keep(window.index).size == 0
+    assert odds_to_keep(window.index, zones_of(window.index)).odds.size == 0

@@ -107,7 +107,7 @@ def test_memory_is_reported():
     sampler = sampler_of(model, chains=3)
     n_rays, n_touched = model.index.n_rays, model.touched.size
     counts = 16 * 2 * n_touched
-    states = (1 + 8) * model.n_cells + 16 * n_rays  # with log-odds that are kept
+    states = (1 + 8) * model.n_cells + (16 + 32) * n_rays  # with log-odds that are kept
     assert sampler.n_bytes == 3 * (states + 2 * counts)
     sampler.advance(5 + 16)  # enough sweeps count, those of the burn-in are not needed any more
     assert sampler.n_bytes == 3 * (states + counts)
