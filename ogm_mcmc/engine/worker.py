@@ -140,13 +140,14 @@ class RefineWorker:
         One that builds an index is left behind: it ends with the process.
         """
         with self._orders.changed:
-            self._orders.closing = True
+            again, self._orders.closing = self._orders.closing, True
             self._orders.leave(None, 'shut down')
-        began = time.monotonic()
+        began, patience_s = time.monotonic(), 0.0 if again else LEAVE_S
         while self.running and time.monotonic() - began < JOIN_S:
             self._thread.join(0.05)
-            if self.status.state == 'indexing' and time.monotonic() - began > LEAVE_S:
-                self.log('stopped while the index was being built')
+            if self.status.state == 'indexing' and time.monotonic() - began > patience_s:
+                if not again:
+                    self.log('stopped while the index was being built')
                 return
 
     @property

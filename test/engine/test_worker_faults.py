@@ -114,6 +114,9 @@ def test_an_index_is_not_waited_for(monkeypatch):
     assert time.monotonic() - started > 0.9
     assert worker.running  # so it was not waited for
     assert worker.result is before
+    started = time.monotonic()
+    worker.close()  # as a node does that is destroyed after it finished
+    assert time.monotonic() - started < 0.5
     assert said[1:] == ['stopped while the index was being built']
     go_on.set()
     until(lambda: not worker.running)
