@@ -75,6 +75,7 @@ class WorkerStatus(NamedTuple):
     rays: int = 0
     merged: int = 0  # of these rays, with others that they run along with
     n_bytes: int = 0
+    index_bytes: int = 0  # of these
     progress: Progress | None = None
     sensor: SensorNumbers | None = None
     no_return: NoReturnChoice | None = None

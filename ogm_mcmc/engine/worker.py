@@ -212,9 +212,7 @@ class RefineWorker:
         self.status = status._replace(state='idle')
 
     def _sample(self, order: Order) -> None:
-        self.status = WorkerStatus(
-            'indexing', scans=len(order.scans), chain_sweeps=self._chains.sweeps
-        )
+        self.status = WorkerStatus('indexing', len(order.scans), chain_sweeps=self._chains.sweeps)
         if self._are_joint(order.scans):
             self._beside.begin(order.scans, 0.5 * order.stop.max_time)
         self._soon = SOON
@@ -242,6 +240,7 @@ class RefineWorker:
             # Who keeps scans lets the same go.
             model=order.kept.model if order.left_out and order.kept else refinement.model_found,
             n_bytes=refinement.size.n_bytes + refinement.sampler.n_bytes,
+            index_bytes=refinement.size.n_bytes,
             chain_sweeps=self._chains.sweeps,
         )
         left_s = max(order.stop.max_time - (time.monotonic() - began), LEAST_S)

@@ -107,6 +107,7 @@ def status_values(status: WorkerStatus, no_return: str) -> dict[str, object]:
         'scans left out of the index': status.left_out,
         'rays merged with equal ones': status.merged,
         'memory (MB)': f'{status.n_bytes / 1e6:.1f}',
+        'memory of the index (MB)': f'{status.index_bytes / 1e6:.1f}',
         **progress_values(status.progress),
         **sensor_values(status.sensor),
         **no_return_values(status.no_return, no_return),

@@ -50,7 +50,7 @@ def test_the_last_map_is_what_the_core_samples(make):
     bits = [samples.words[:, :, 0] >> np.uint64(s) & np.uint64(1) for s in range(64)]
     assert any(np.array_equal(cells * told, last * told) for cells in bits)
     assert (worker.status.scans, worker.status.rays) == (6, 144)
-    assert worker.status.n_bytes > worker.status.rays * 15
+    assert worker.status.n_bytes > worker.status.index_bytes > worker.status.rays * 15
 
 
 def test_refining_again_replaces_what_is_at_work_and_keeps_its_map(make):
