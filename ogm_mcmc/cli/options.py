@@ -232,7 +232,7 @@ def stream_choice(
         options.trajectory,
         options.trajectory_stamps,
         options.trajectory_frame,
-        options.map_frame,
-        options.base_frame,
+        options.map_frame.lstrip('/'),  # as ROS 1 has them
+        options.base_frame.lstrip('/'),
         beliefs=config.method in BELIEF_METHODS,
     )

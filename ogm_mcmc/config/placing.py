@@ -48,6 +48,7 @@ class MountConfig:
                 x = y = yaw = math.nan
             readable = len(numbers) == 3 and all(map(math.isfinite, (x, y, yaw)))
             require(readable, 'mount.frames', entry, 'expected FRAME X Y YAW')
+            require(frame not in mounts, 'mount.frames', entry, 'expected each frame once')
             mounts[frame] = (x, y, yaw, upside_down)
         return mounts
 

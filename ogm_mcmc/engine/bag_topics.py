@@ -225,10 +225,10 @@ def _candidates(seen: BagSurvey, frames: TfFrames, scans: Sequence[str]) -> list
 def _is_wanted(one: PoseCandidate, choice: StreamChoice) -> bool:
     if choice.pose_topic:
         return one.kind != TF and one.name == choice.pose_topic
-    if choice.pose_source == 'auto':
-        return True
-    if choice.pose_source == TF:
-        return one.kind == TF and choice.map_frame in ('', one.frame)
+    if one.kind == TF and choice.map_frame not in ('', one.frame):
+        return False
+    if choice.pose_source in ('auto', TF):
+        return choice.pose_source == 'auto' or one.kind == TF
     return one.kind in POSE_SOURCES[choice.pose_source]
 
 

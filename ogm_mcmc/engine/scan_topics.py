@@ -9,6 +9,7 @@ from ogm_mcmc.engine.mounts import names_a_place
 from ogm_mcmc.engine.pose_choice import TF
 from ogm_mcmc.engine.stream_choice import StreamChoice
 from ogm_mcmc.engine.transform_tree import TransformTree
+from ogm_mcmc.errors import BagError
 from ogm_mcmc.io import ros_types
 from ogm_mcmc.io.bags import BagReader, BagTopic
 from ogm_mcmc.io.tf_messages import TF_TYPES
@@ -27,7 +28,10 @@ def reading_topics(bag: BagReader, choice: StreamChoice) -> list[BagTopic]:
     role, kind = ('ranges', ros_types.RANGE) if ranges else ('scans', ros_types.SCAN)
     if choice.scan_topic:
         names = filter(None, map(str.strip, choice.scan_topic.split(',')))
-        return [bag.find(role, (kind,), name) for name in names]
+        found = [bag.find(role, (kind,), name) for name in names]
+        if not found:
+            raise BagError(f'scan topic is {choice.scan_topic!r}: expected names of topics')
+        return list(dict.fromkeys(found))  # one that is named twice is read once
     first = bag.find(role, (kind,))  # or say what is missing
     readable = [
         t

@@ -10,6 +10,7 @@ from support.strategies import REPEATABLE
 from ogm_mcmc import config as config_module
 from ogm_mcmc.config import (
     MapperConfig,
+    MountConfig,
     OutputConfig,
     PlacingConfig,
     SamplerConfig,
@@ -238,6 +239,11 @@ def test_a_whole_number_is_a_number():
         (OutputConfig, {'output': 'grey'}, "output is 'grey': one of trinary, probability"),
         (OutputConfig, {'free_thresh': 0.65}, 'free_thresh is 0.65: must be below occupied_thr'),
         (OutputConfig, {'occupied_thresh': 0.1}, 'free_thresh is 0.25: must be below'),
+        (
+            MountConfig,
+            {'frames': 'a 0 0 1; b 0 0 1; a 1 1 1'},
+            'mount.frames is .*: expected each',
+        ),
     ],
 )
 def test_what_cannot_be_chosen(cls, values, message):

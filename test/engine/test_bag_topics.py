@@ -129,6 +129,9 @@ def test_a_source_that_is_not_there(choose, scans):
         choose(records, pose_source='particles', pose_topic='odom')
     with pytest.raises(BagError, match='no scans in it on /front'):
         choose(records, scan_topic='/front')
+    with pytest.raises(BagError, match="scan topic is ', ': expected names of topics"):
+        choose(records, scan_topic=', ')
+    assert [topic.name for topic in choose(records, scan_topic='scan,/scan')[0].scans] == ['/scan']
     with pytest.raises(BagError, match=r'no poses at the stamps of the scans .*/odom 120\.0 to'):
         choose([*scans(), *odometry(stamps=[t + 100 * SECOND for t in STAMPS])])
 
@@ -364,6 +367,8 @@ def test_a_frame_that_was_asked_for_and_is_not_there(choose, scans):
     expected = r"frame 'world' \(map_frame\) is not in its transforms \(map > odom > base_link.*"
     with pytest.raises(BagError, match=expected + r'tf map -> base_link \(--map-frame map\)'):
         choose(records, pose_source='tf', map_frame='world')
+    with pytest.raises(BagError, match=expected):
+        choose(records, map_frame='world')
 
 
 def test_nothing_measured_is_said(choose, scans):
