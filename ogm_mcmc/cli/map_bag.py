@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+from ogm_mcmc.arrays import Float64Array
 from ogm_mcmc.cli.bag_scans import placed_scans
 from ogm_mcmc.cli.options import (
     Subparsers,
@@ -26,6 +27,9 @@ from ogm_mcmc.io.map_files import points_file, save_npz, table_file
 from ogm_mcmc.io.point_files import read_points, write_prediction
 
 __all__ = ['add_to']
+
+# Of the field at a point that no observation reaches.
+PRIOR_VARIANCE = 1.0
 
 
 def add_to(subparsers: Subparsers) -> None:
@@ -74,6 +78,7 @@ def run(options: argparse.Namespace) -> int:
     }
     if points is not None:
         files['points'] = points_file(options.name)
+        told = predicted_at(pipeline, points)
     result: dict[str, Any] = {
         'bag': str(options.bag),
         **topics.as_dict(),
@@ -86,6 +91,7 @@ def run(options: argparse.Namespace) -> int:
         'width': spec.width,
         'height': spec.height,
         'origin': [spec.origin_x_m, spec.origin_y_m],
+        **({} if points is None else _of_points(told.variance)),
         'seconds': round(time.perf_counter() - started, 3),
         'files': {kind: str(options.folder / file) for kind, file in files.items()},
         'settings': settings,
@@ -94,15 +100,25 @@ def run(options: argparse.Namespace) -> int:
     with replacing_map(saved, options.folder, options.name, output) as scratch:
         save_npz(saved.grid_map, scratch / files['npz'], settings, saved.extras.layers)
         if points is not None:
-            write_prediction(scratch / files['points'], points, *predicted_at(pipeline, points))
+            write_prediction(scratch / files['points'], points, *told)
         text = json.dumps(result, indent=2) + '\n'
         (scratch / f'{options.name}.json').write_text(text, encoding='utf-8')
     said = saved.extras.summary
     text = _text(result) + (f'; {said}' if said else '')
+    if result.get('points_of_prior'):
+        text += (
+            f'\n{result["points_of_prior"]} of {result["points"]} points lie far from what was '
+            'measured: they have the prior'
+        )
     if str(no_return):
         text += f'\n{no_return}'
     print_result(options, result, text)
     return 0
+
+
+def _of_points(variance: Float64Array) -> dict[str, int]:
+    """Return how many points were asked about, and of how many nothing is known."""
+    return {'points': variance.size, 'points_of_prior': int((variance >= PRIOR_VARIANCE).sum())}
 
 
 def _text(result: dict[str, Any]) -> str:

@@ -160,4 +160,8 @@ def write_prediction(
 
 
 def _probability(log_odds: float) -> float:
-    return 0.5 * (1.0 + math.tanh(0.5 * log_odds))
+    if log_odds >= 0.0:
+        return 1.0 / (1.0 + math.exp(-log_odds))
+    # Of small ones all digits: 0 would be certain.
+    odds = math.exp(log_odds)
+    return odds / (1.0 + odds)

@@ -64,9 +64,9 @@ def test_random_field_at_any_points(run_cli, office_bag, tmp_path):
     options = ('--method', 'random_field', '--resolution', '0.2', '--points', 'points.csv')
     done = run_cli('map', office_bag, '-o', 'out', *options, '--json')
     assert done.returncode == 0, done.stderr
-    told = np.genfromtxt(
-        tmp_path / json.loads(done.stdout)['files']['points'], delimiter=',', names=True
-    )
+    result = json.loads(done.stdout)
+    assert (result['points'], result['points_of_prior']) == (3, 1)
+    told = np.genfromtxt(tmp_path / result['files']['points'], delimiter=',', names=True)
     assert told['x'].tolist() == [5.05, 5.1, -99.0]
     assert told['log_odds'][2] == 0.0
     assert told['variance'][2] == 1.0

@@ -1,5 +1,6 @@
 """Points as CSV: what is read, and the line that is at fault."""
 
+import math
 from functools import partial
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 from ogm_mcmc.cli.evaluate_path import read_way
 from ogm_mcmc.errors import PointsError
 from ogm_mcmc.files.input_files import text_of
-from ogm_mcmc.io.point_files import read_points, write_prediction
+from ogm_mcmc.io.point_files import _probability, read_points, write_prediction
 
 
 def test_points_with_and_without_names_and_remarks(tmp_path):
@@ -132,6 +133,8 @@ def test_a_way_may_have_decimal_commas(tmp_path):
 
 def test_what_is_told_comes_back(tmp_path):
     path = tmp_path / 'told.csv'
-    write_prediction(path, np.array([[0.1, -3.0]]), np.array([-800.0]), np.array([0.25]))
+    write_prediction(path, np.array([[0.1, -3.0]]), np.array([-80.0]), np.array([0.25]))
     table = np.genfromtxt(path, delimiter=',', names=True)
-    assert [float(table[name]) for name in table.dtype.names] == [0.1, -3.0, -800.0, 0.25, 0.0]
+    told = [float(table[name]) for name in table.dtype.names]
+    assert told == pytest.approx([0.1, -3.0, -80.0, 0.25, math.exp(-80.0)], rel=1e-8)
+    assert (_probability(-800.0), _probability(0.0), _probability(800.0)) == (0.0, 0.5, 1.0)
