@@ -17,6 +17,7 @@ from ogm_mcmc.cli.evaluate_frames import (
     alignment_of,
     found_frames,
     frame_figures,
+    frame_hint,
     frame_said,
     split_for_fit,
 )
@@ -90,6 +91,8 @@ def by_beams(
             held.frames[name], judged.filled, held.beams, values, model, unknown
         )
         rows = [('aligned', frame_said(figures['alignment'], alignment))]
+    elif hint := frame_hint(judged.filled, beams, model, unknown):
+        rows, figures['hint'] = [('the map', hint)], hint
     if samples is not None:
         maps = tqdm(
             samples.grid_maps(), total=len(samples.maps), unit=' maps', desc='judge', disable=None

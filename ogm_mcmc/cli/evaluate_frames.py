@@ -20,17 +20,29 @@ from ogm_mcmc.evaluation import (
     HeldOutBeams,
     beam_log_likelihood,
     find_frame,
+    gain_near_by,
     held_out_beams,
 )
 from ogm_mcmc.geometry import GridMap, PlacedScan, Pose2D
 
-__all__ = ['alignment_of', 'found_frames', 'frame_figures', 'frame_said', 'split_for_fit']
+__all__ = [
+    'alignment_of',
+    'found_frames',
+    'frame_figures',
+    'frame_hint',
+    'frame_said',
+    'split_for_fit',
+]
 
 # A map lies where it was put if that place is better than the next one in such a share of the
-# scans. Maps of another building reached 0.72, those of the right one 1.00, but for one that
-# predicted next to nothing (0.70): see docs/evaluation.md.
+# scans. Maps of another building reached 0.74, those of the right one 0.93 and more, but for one
+# that says next to nothing (0.77): see docs/evaluation.md.
 SURE_FROM = 0.8
 SAME_NATS = 1e-3
+
+# Without `--align`: a map that gains so many nats a beam by a small move, or outside of which such
+# a share of the beams end, may lie in another frame.
+MUCH_NATS, MOST_OUTSIDE = 0.2, 0.5
 
 
 def alignment_of(options: argparse.Namespace) -> AlignmentConfig:
@@ -122,6 +134,18 @@ def frame_figures(
         }
         figures['fits'] = share >= SURE_FROM
     return figures
+
+
+def frame_hint(grid_map: GridMap, beams: HeldOutBeams, model: ForwardModel, prior: float) -> str:
+    """Return why a map may lie in another frame than beams that judge it; empty if not."""
+    gain = gain_near_by(grid_map, beams.placed, model, prior=prior)
+    if gain > MUCH_NATS:
+        why = f'moved a little it has {gain:.2f} nats a beam more'
+    elif (share := float(beams.leaving.mean())) > MOST_OUTSIDE:
+        why = f'{share:.0%} of the beams end where it has no cells'
+    else:
+        return ''
+    return f'{why}: does it lie in another frame? (--align)'
 
 
 def frame_said(of: Mapping[str, Any], config: AlignmentConfig) -> str:

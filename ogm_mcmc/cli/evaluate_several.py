@@ -19,7 +19,7 @@ from ogm_mcmc.cli.evaluate_beams import (
     read_figures,
     read_held_out,
 )
-from ogm_mcmc.cli.evaluate_frames import alignment_of, frame_figures, frame_said
+from ogm_mcmc.cli.evaluate_frames import alignment_of, frame_figures, frame_hint, frame_said
 from ogm_mcmc.cli.evaluate_points import judged_points, point_figures, reliability_png
 from ogm_mcmc.config import (
     EvaluationConfig,
@@ -160,6 +160,8 @@ def compared_by_beams(
             figures[name]['alignment'] = frame_figures(
                 held.frames[name], grid_map, beams, values[name], model, config.unknown
             )
+        elif hint := frame_hint(grid_map, own, model, config.unknown):
+            figures[name]['hint'] = hint
         mean = beams.mean(values[name])
         columns[name] = {
             'nats a beam': f'{mean.value:.4f} +- {mean.standard_error:.4f}',
@@ -210,6 +212,7 @@ def compared_by_beams(
         for name, one in figures.items()
         if 'alignment' in one
     ]
+    common['hints'] = [f'{name}: {one["hint"]}' for name, one in figures.items() if 'hint' in one]
     return Compared(figures, columns, common, differences, sections, settings)
 
 

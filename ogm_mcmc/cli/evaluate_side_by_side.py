@@ -137,7 +137,8 @@ def _lines(header: list[str], rows: list[list[str]]) -> list[str]:
 def _said(answer: Compared) -> list[str]:
     """Return what +inf was taken to mean, where maps lie, and a line for each pair of maps."""
     why = answer.common.get('meaning_of_no_return', {}).get('why', '')
-    lines = [*([why] if why else []), *answer.common.get('alignments', [])]
+    lines = [why] if why else []
+    lines += [*answer.common.get('alignments', []), *answer.common.get('hints', [])]
     for of in answer.differences:
         pair = f'{of["map"]} against {of["against"]}:'
         if 'nats_per_beam' in of:

@@ -50,7 +50,7 @@ from ogm_mcmc.evaluation.held_out_points import (
     score_points,
 )
 from ogm_mcmc.evaluation.information import expected_information_gain
-from ogm_mcmc.evaluation.map_frames import FoundFrame, FrameSearch, find_frame
+from ogm_mcmc.evaluation.map_frames import FoundFrame, FrameSearch, find_frame, gain_near_by
 from ogm_mcmc.evaluation.masks import MASKS, cells_that_count, near
 from ogm_mcmc.evaluation.scan_fit import AmclNumbers, CastBeams, LikelihoodField, SampleBeams
 from ogm_mcmc.evaluation.views import ReadingChannel, hits_of_map, hits_of_samples
@@ -91,6 +91,7 @@ __all__ = [
     'expected_information_gain',
     'find_frame',
     'first_hits',
+    'gain_near_by',
     'held_out_beams',
     'held_out_points',
     'hits_of_map',

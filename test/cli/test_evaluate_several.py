@@ -198,6 +198,9 @@ def drive(tmp_path_factory):
     config = MapperConfig(resolution=0.1)
     save_npz(map_of(placed, config), folder / 'ours.npz', {})
     save_npz(map_of(of_slam, config), folder / 'theirs.npz', {})
+    for name, off in (('near', 0.25), ('far', 50.0)):
+        away = [PlacedScan.at(scan, Pose2D(off, 0.2).compose(one.mean)) for scan, one in placed]
+        save_npz(map_of(away, config).cropped(), folder / f'{name}.npz', {})
     speckle = np.random.default_rng(1).random((50, 70)) < 0.1
     save_npz(
         GridMap(GridSpec(0.1, 70, 50), np.where(speckle, 0.9, 0.1).astype(np.float32)),
@@ -218,6 +221,13 @@ def test_maps_in_other_frames_are_found_and_judged_there(drive, monkeypatch, cap
     result = asked(capsys, *maps, *looked)
     assert given['beams']['scans_used'] == 12
     assert 'alignment' not in given['beams']
+    assert 'hint' not in given['beams']
+    hinted = asked(capsys, 'far=far.npz', 'near=near.npz', *judge)['beams']['hints']
+    assert [line.split(' ')[0] for line in hinted] == ['far:', 'near:']
+    assert 'of the beams end where it has no cells: does it lie in' in hinted[0]
+    assert 'moved a little it has' in hinted[1]
+    alone = asked(capsys, 'near.npz', *judge)['beams']['hint']
+    assert hinted[1] == f'near: {alone}'
     assert result['settings']['align'] is True
     ours, theirs, other = (result['maps'][name]['beams'] for name in ('ours', 'theirs', 'other'))
     assert result['beams']['scans_used'] == 6

@@ -15,6 +15,7 @@ from ogm_mcmc.evaluation import (
     FrameSearch,
     beam_log_likelihood,
     find_frame,
+    gain_near_by,
     seen_from,
 )
 from ogm_mcmc.evaluation.map_frames import _Beams
@@ -76,6 +77,16 @@ def test_a_map_that_lies_right_stays_about_there(room):
     assert math.hypot(found.frame.x_m, found.frame.y_m) < CELL / 2
     assert abs(found.frame.yaw_rad) < math.radians(0.2)
     assert 0.0 <= found.nats - found.as_given < 0.1
+
+
+def test_a_small_move_gains_where_a_map_lies_a_little_off(room):
+    grid_map, placed = room
+    assert 0.0 <= gain_near_by(grid_map, placed, MODEL, prior=0.15) < 0.1
+    off = moved(placed, Pose2D(0.25, -0.2, 0.02))
+    gain = gain_near_by(grid_map, off, MODEL, prior=0.15)
+    assert 0.5 < gain <= nats(grid_map, placed) - nats(grid_map, off) + 0.1
+    silent = [PlacedScan.at(fan(math.inf, range_max_m=5.0), Pose2D())]
+    assert gain_near_by(grid_map, silent, MODEL, prior=0.15) == 0.0
 
 
 def test_climbing_goes_by_the_likelihood_of_the_judge(room):
