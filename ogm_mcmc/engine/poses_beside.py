@@ -9,6 +9,7 @@ after coarser ones they may be worse than those given.
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -27,8 +28,8 @@ __all__ = ['PosesBeside']
 class _Task:
     """Scans whose poses are estimated, and how far that is."""
 
-    def __init__(self, scans: Sequence[PlacedScan], until: float, before: _Task | None) -> None:
-        self.scans, self.until = scans, until  # on the monotonic clock; 0: to be ended
+    def __init__(self, scans: Sequence[PlacedScan], before: _Task | None) -> None:
+        self.scans, self.until = scans, math.inf  # on the monotonic clock; 0: to be ended
         self.before = before  # which may still be at work
         self.refinement: PoseRefinement | None = None
         self.progress: TrajectoryProgress | None = None
@@ -36,7 +37,7 @@ class _Task:
         self.taken: EstimatedPoses | None = None
         self.error: BaseException | None = None
         self.ended = False
-        self.thread: threading.Thread | None = None
+        self.thread: threading.Thread | None = None  # once it began
 
     def is_of(self, scans: Sequence[PlacedScan]) -> bool:
         pairs = zip(scans, self.scans, strict=False)
@@ -64,20 +65,30 @@ class PosesBeside:
         self._bent = BentScans()
         self._task: _Task | None = None
 
-    def begin(self, scans: Sequence[PlacedScan], max_time_s: float) -> None:
-        """Estimate poses of scans for so long at most, from where it was left with the same ones.
+    def want(self, scans: Sequence[PlacedScan]) -> None:
+        """Have poses of scans estimated once it begins, from where these were left.
 
-        Where all was done with these, and taken, there is nothing to do.
+        Where all was done with the same scans, and taken, there is nothing to do.
         """
-        task, until = self._task, time.monotonic() + max_time_s
-        if task is not None and task.is_of(scans) and task.done:
-            return
         self.end()
-        new = _Task(scans, until, task)
-        new.taken = task.taken if task is not None and task.is_of(scans) else None
-        new.thread = threading.Thread(target=self._work, args=(new,), name='poses', daemon=True)
-        self._task = new
-        new.thread.start()
+        before = self._task
+        if before is not None and before.thread is None:  # it never began
+            before = before.before
+        if before is not None and before.is_of(scans) and before.done:
+            self._task = before
+            return
+        self._task = _Task(scans, before)
+        if before is not None and before.is_of(scans):
+            self._task.taken = before.taken
+
+    def begin(self, max_time_s: float) -> None:
+        """Estimate what is wanted, for so long at most."""
+        task = self._task
+        if task is None or task.until != math.inf:
+            return
+        task.until = time.monotonic() + max_time_s
+        task.thread = threading.Thread(target=self._work, args=(task,), name='poses', daemon=True)
+        task.thread.start()
 
     def end(self) -> None:
         """Have it end after the step in progress; what it found stays to go on from."""

@@ -214,10 +214,11 @@ class RefineWorker:
     def _sample(self, order: Order) -> None:
         self.status = WorkerStatus('indexing', len(order.scans), chain_sweeps=self._chains.sweeps)
         if self._are_joint(order.scans):
-            self._beside.begin(order.scans, 0.5 * order.stop.max_time)
+            self._beside.want(order.scans)
         self._soon = SOON
         taken = self._take_kept(order, time.monotonic() + order.stop.max_time)
         began = time.monotonic()
+        self._beside.begin(0.5 * order.stop.max_time)  # now: the first map is not to wait
         while taken is not None:
             order, progress = taken, self._advance(taken, began)
             taken, over = self._at_poses_found(order, progress, began)

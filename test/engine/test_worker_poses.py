@@ -11,6 +11,7 @@ from support.workers import CONFIG, ENDLESS, idle, until
 from ogm_mcmc.config import PosesConfig, StopConfig, TrajectoryConfig
 from ogm_mcmc.config.nodes import NodeModelConfig
 from ogm_mcmc.engine.joint_poses import PoseRefinement
+from ogm_mcmc.engine.poses_beside import PosesBeside
 from ogm_mcmc.engine.refinement import Refinement
 from ogm_mcmc.engine.sensor_fit import fit_sensor
 from ogm_mcmc.engine.worker import RefineWorker
@@ -296,3 +297,26 @@ def test_a_bug_in_poses_is_not_swallowed(monkeypatch):
     until(lambda: worker.failure is not None)
     assert isinstance(worker.failure, ZeroDivisionError)
     worker.close()
+
+
+def test_poses_are_gone_on_with_past_scans_that_were_never_begun(gate):
+    told, (_, placed) = threading.Event(), noisy_drive()
+    beside = PosesBeside(JOINT.trajectory, None, told.set)
+    beside.want(placed)
+    assert beside.moves
+    beside.begin(1e6)
+    until(lambda: gate.begun)
+    beside.want(placed[:8])
+    beside.want(placed)
+    gate.opened.set()
+    assert beside.moves
+    beside.begin(1e6)
+    assert told.wait(20.0)
+    until(lambda: not beside.moves or beside.found)
+    assert gate.begun[1] is gate.begun[0]
+    assert beside.take().given is placed
+    until(lambda: beside.found or not beside.awaited)
+    beside.take()
+    beside.want(placed)
+    assert not beside.awaited  # all is done
+    beside.close(20.0)
