@@ -42,7 +42,7 @@ from ogm_mcmc.config.settings import (
     setting,
     settings_of,
 )
-from ogm_mcmc.config.trajectory import PosesConfig, TrajectoryConfig
+from ogm_mcmc.config.trajectory import PosesConfig, RefinePosesConfig, TrajectoryConfig
 
 __all__ = [
     'AlignmentConfig',
@@ -65,6 +65,7 @@ __all__ = [
     'PatchTableConfig',
     'PlacingConfig',
     'RecordingConfig',
+    'RefinePosesConfig',
     'SamplerConfig',
     'PoseUncertainConfig',
     'PosesConfig',

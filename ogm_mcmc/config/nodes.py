@@ -14,8 +14,8 @@ from ogm_mcmc.config import (
     OutputConfig,
     PatchConfig,
     PlacingConfig,
-    PosesConfig,
     RecordingConfig,
+    RefinePosesConfig,
     SamplerConfig,
     ShownConfig,
     StopConfig,
@@ -319,7 +319,7 @@ def judging(config: RefineSamplerConfig) -> RefineSamplerConfig:
 REFINE_CONFIGS = (
     RefineSamplerConfig,
     StopConfig,
-    PosesConfig,
+    RefinePosesConfig,
     RecordingConfig,
     OutputConfig,
     ShownConfig,

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from ogm_mcmc.config.settings import check_bounds, setting
 
-__all__ = ['PosesConfig', 'TrajectoryConfig']
+__all__ = ['PosesConfig', 'RefinePosesConfig', 'TrajectoryConfig']
 
 
 @dataclass(frozen=True)
@@ -87,18 +87,20 @@ class TrajectoryConfig:
         return self.spread, self.spread, self.spread_angle
 
 
+POSES_TEXT = (
+    'fixed: scans lie where the localizer puts them; joint: their poses are estimated from '
+    'the scans themselves and what the localizer says, then the map is sampled at them; auto: '
+    'joint where the localizer says that it is unsure by more than half a cell or half a '
+    'degree and scans have 20 readings or more, else fixed'
+)
+POSES = ('fixed', 'joint', 'auto')
+
+
 @dataclass(frozen=True)
 class PosesConfig:
     """Whether poses are taken as they come or estimated."""
 
-    poses: str = setting(
-        'fixed',
-        'fixed: scans lie where the localizer puts them; joint: their poses are estimated from '
-        'the scans themselves and what the localizer says, then the map is sampled at them; auto: '
-        'joint where the localizer says that it is unsure by more than half a cell or half a '
-        'degree and scans have 20 readings or more, else fixed',
-        choices=('fixed', 'joint', 'auto'),
-    )
+    poses: str = setting('fixed', POSES_TEXT, choices=POSES)
     trajectory: TrajectoryConfig = TrajectoryConfig()
 
     def __post_init__(self) -> None:
@@ -109,3 +111,10 @@ class PosesConfig:
     def joint(self) -> bool:
         """Whether poses are estimated, or may be."""
         return self.poses != 'fixed'
+
+
+@dataclass(frozen=True)
+class RefinePosesConfig(PosesConfig):
+    """Defaults of `refine_server`: a map at the given poses is there at once in any case."""
+
+    poses: str = setting('auto', POSES_TEXT, choices=POSES)

@@ -15,8 +15,8 @@ from ogm_mcmc.config import (
     CollisionConfig,
     OutputConfig,
     PlacingConfig,
-    PosesConfig,
     RecordingConfig,
+    RefinePosesConfig,
     ShownConfig,
     StopConfig,
 )
@@ -83,7 +83,7 @@ class RefineServer(ManagedNode):
     def set_up(self) -> None:
         """Make the worker, an empty recording and everything around them."""
         self.sampler = self.parameters.read(RefineSamplerConfig)
-        self.poses = self.parameters.read(PosesConfig)
+        self.poses = self.parameters.read(RefinePosesConfig)
         self._read_live()
         self.recording = Recording(self.parameters.read(RecordingConfig), self.sampler)
         self.intake = ScanIntake(
