@@ -24,7 +24,7 @@ from ogm_mcmc.config.nodes import NodeWindowConfig, RefineSamplerConfig
 from ogm_mcmc.engine.prior_files import default_prior_file
 from ogm_mcmc.engine.refinement import Refinement
 from ogm_mcmc.engine.tiled_refinement import TiledRefinement
-from ogm_mcmc.errors import ClusterError, ConfigError
+from ogm_mcmc.errors import ClusterError
 from ogm_mcmc.lab import chain_worker, cluster, experiments
 from ogm_mcmc.lab import workers as workers_module
 from ogm_mcmc.lab.cluster import distribute
@@ -334,45 +334,6 @@ def test_tiles_on_a_cluster(dask_cluster, office_bag, scans, tmp_path, capsys):
     assert (tmp_path / 'map.yaml').exists()
 
 
-def test_no_scheduler(monkeypatch, tmp_path, capsys):
-    pytest.importorskip('distributed')
-    monkeypatch.setattr(workers_module, 'ANSWER_S', 0.3)
-    monkeypatch.chdir(tmp_path)
-    assert run(['experiment', 'pose-sim', '--quick', '--scheduler', 'tcp://127.0.0.1:9']) == 2
-    lines = capsys.readouterr().err.splitlines()
-    assert len(lines) == 1
-    assert 'tcp://127.0.0.1:9' in lines[0]
-
-
-@pytest.mark.parametrize(
-    ('address', 'reason'),
-    [
-        ('inproc://x', 'expected the address of a Dask scheduler, such as tcp://host:8786'),
-        ('tls://127.0.0.1:9', "expected what distributed.comm of Dask's configuration allows"),
-    ],
-)
-def test_an_address_that_cannot_be_is_one_line_at_once(run_process, tmp_path, address, reason):
-    """A process of its own: what is left of a client speaks when Python ends."""
-    pytest.importorskip('distributed')
-    done = run_process('experiment', 'pose-sim', '--quick', '--scheduler', address, timeout=60)
-    assert done.returncode == 2
-    (line,) = done.stderr.splitlines()
-    assert line.startswith(f'ogm_mcmc experiment: error: scheduler {address}: ')
-    assert reason in line
-    assert not any(tmp_path.rglob('*.json'))
-
-
-@pytest.mark.parametrize(
-    'address',
-    ['bla', 'http://x', 'no://where', 'tcp://127.0.0.1', 'tcp://[::1', 'tcp://127.0.0.1:99999'],
-)
-def test_no_client_is_made_for_an_address_that_cannot_be(address, monkeypatch):
-    distributed = pytest.importorskip('distributed')
-    monkeypatch.setattr(distributed, 'Client', None)
-    with pytest.raises(ClusterError, match='expected the address'), connected(address):
-        pass
-
-
 def test_a_worker_is_no_scheduler(dask_cluster):
     worker, *_ = dask_cluster.scheduler_info['workers']
     with pytest.raises(ClusterError, match='is a Worker; expected'), connected(worker):
@@ -385,10 +346,4 @@ def test_workers_of_another_version(dask_cluster, monkeypatch):
         pytest.raises(ClusterError, match=r'expected 99\.0'),
         connected(dask_cluster.scheduler_address),
     ):
-        pass
-
-
-def test_without_distributed(monkeypatch):
-    monkeypatch.setitem(__import__('sys').modules, 'distributed', None)
-    with pytest.raises(ConfigError, match=r'ogm_mcmc\[cluster\]'), connected('tcp://here:1'):
         pass
