@@ -52,7 +52,7 @@ from ogm_mcmc.files.output_files import checked_name, makeable_folder
 from ogm_mcmc.files.saying import said_if_slow, said_if_stopped, say
 from ogm_mcmc.geometry import GridMap, GridSpec
 from ogm_mcmc.io.map_files import load_grid
-from ogm_mcmc.lab.cluster import distribute
+from ogm_mcmc.lab.cluster import DistantSampler, distribute
 from ogm_mcmc.lab.tile_cluster import ClusterTiles
 from ogm_mcmc.lab.workers import Workers, connected
 
@@ -197,6 +197,8 @@ def _run(
         say(f'{len(maps)} of {options.samples} maps drawn for --samples: interrupted')
     if work.tiles is not None and isinstance(refinement, TiledRefinement):
         result['tiles'] = {'groups': refinement.tiled.summaries.groups, **work.tiles.figures()}
+    if work.distant is not None:
+        result['cluster'] = work.distant.figures()
     if work.poses is not None:
         result['trajectory'] = work.poses.figures()
     trajectory = None if work.poses is None else work.poses.trajectory()
@@ -217,6 +219,7 @@ class _Work(NamedTuple):
     poses: PoseRefinement | None
     refinement: Refinement
     tiles: ClusterTiles | None
+    distant: DistantSampler | None
     state: KeptState
     resumed: int
     started: float
@@ -262,9 +265,10 @@ def _prepare(
     refinement.take(scans, start)
     state = KeptState(refinement, options.state)
     resumed = state.resume()
+    distant = None
     if executor is not None and tiles is None:
-        distribute(refinement, scans, executor)
-    return _Work(bag, recording, poses, refinement, tiles, state, resumed, started)
+        distant = distribute(refinement, scans, executor)
+    return _Work(bag, recording, poses, refinement, tiles, distant, state, resumed, started)
 
 
 class _Chosen(NamedTuple):

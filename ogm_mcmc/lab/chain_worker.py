@@ -23,10 +23,19 @@ from ogm_mcmc.lab.chain_parcels import (
     unpack_counts,
 )
 from ogm_mcmc.lab.parcels import unpack
+from ogm_mcmc.lab.workers import this_worker
 from ogm_mcmc.sampling import PosteriorModel, PosteriorSampler
 from ogm_mcmc.sampling.diagnostics import BatchCounts
 
-__all__ = ['Advanced', 'ChainJob', 'ChainState', 'Looks', 'Problem', 'advance_chain']
+__all__ = [
+    'Advanced',
+    'ChainJob',
+    'ChainState',
+    'Looks',
+    'Problem',
+    'Unknown',
+    'advance_chain',
+]
 
 
 class Problem(NamedTuple):
@@ -141,6 +150,7 @@ class Advanced(NamedTuple):
 
     looks           where it looks most, if that was decided now
     log_likelihood  of its map, nats
+    worker          that did it, see `this_worker`
     """
 
     mark: str
@@ -151,6 +161,7 @@ class Advanced(NamedTuple):
     looks: Looks | None
     flips: int
     log_likelihood: float
+    worker: str
 
     @property
     def n_bytes(self) -> int:
@@ -160,13 +171,19 @@ class Advanced(NamedTuple):
         return len(self.cells) + looks + sum(len(row.coded) for row in rows)
 
 
-def advance_chain(problem: Problem, parcel: bytes, job: ChainJob) -> Advanced | None:
-    """Advance a chain; None: this process does not keep it, and has to be told its state."""
+class Unknown(NamedTuple):
+    """What a worker says that does not keep a chain: it has to be told its state."""
+
+    worker: str
+
+
+def advance_chain(problem: Problem, parcel: bytes, job: ChainJob) -> Advanced | Unknown:
+    """Advance a chain, if this process keeps it or is told its state."""
     with _lock:
         mark, sampler = _kept.pop((problem.token, job.chain), ('', None))
     if sampler is None or mark != job.mark:
         if job.state is None:
-            return None
+            return Unknown(this_worker())
         sampler = job.state.begun(_model_of(problem, parcel), job.burn_in)
     sampler.burn_in = job.burn_in
     before = sampler.focus.get(0)
@@ -196,6 +213,7 @@ def _answer(sampler: PosteriorSampler, flips: int, *, looked: bool) -> Advanced:
         Looks.of(sampler, 0) if looked else None,
         flips,
         sampler.log_likelihoods()[0],
+        this_worker(),
     )
 
 

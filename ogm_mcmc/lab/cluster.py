@@ -9,11 +9,13 @@ Decision. After every round each chain is known where the command runs, too: its
 and counts. So R-hat is of all chains, and an interrupted run can be saved. A worker keeps the ray
 index of the last window, built from the scans when the first chain comes by, and the chains that
 it advanced: it is asked to go on with a chain by its mark alone, and says only what the sweeps
-added (`chain_parcels`). A chain goes to the worker that had it before, if that one is there. Who
-does not keep it under this mark says so, and is told its state: another worker, in place of one
-that is gone, or the same, if its last answer was lost. It finds what the first would have found,
-bit for bit. The scans go to every worker once, packed (`parcels`); were they gone with all workers
-that had them, they would be sent again.
+added (`chain_parcels`). Before a round the scheduler is asked, once, who is there. A chain goes
+to the worker that had it, unless that is gone, or has more chains for each of its threads than
+another, who joined since, would have with this one (`workers.spread`). A worker that does not keep
+a chain under its mark says so, and is told its state, while others still sample: in place of one
+that is gone or busy, or again, if its last answer was lost. From then on the chain is there. It
+finds what the first would have found, bit for bit. The scans go to every worker once, packed
+(`parcels`); were they gone with all workers that had them, they would be sent again.
 
 Consequence. A worker that is lost costs the sweeps of a round, and the time to build its index.
 Tried before: tasks that are functions of their arguments alone. Every round then ships a chain's
@@ -25,7 +27,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from concurrent.futures import CancelledError, Executor, Future
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, wait
 from typing import Any, NamedTuple
 
 from ogm_mcmc.arrays import UInt8Array
@@ -35,12 +37,20 @@ from ogm_mcmc.engine.refinement import Refinement
 from ogm_mcmc.errors import WindowError
 from ogm_mcmc.geometry import PlacedScan
 from ogm_mcmc.lab.chain_parcels import unpack_bits, unpack_rows
-from ogm_mcmc.lab.chain_worker import Advanced, ChainJob, ChainState, Problem, advance_chain
+from ogm_mcmc.lab.chain_worker import (
+    Advanced,
+    ChainJob,
+    ChainState,
+    Problem,
+    Unknown,
+    advance_chain,
+)
+from ogm_mcmc.lab.memory import peak_mb
 from ogm_mcmc.lab.parcels import pack
-from ogm_mcmc.lab.workers import RETRIES, share, submit_again
+from ogm_mcmc.lab.workers import RETRIES, Workers, done_by, place, share, submit_again
 from ogm_mcmc.sampling import GibbsState, PosteriorSampler
 
-__all__ = ['ChainTraffic', 'digest', 'distribute', 'pack_problem']
+__all__ = ['ChainTraffic', 'DistantSampler', 'digest', 'distribute', 'pack_problem']
 
 
 class ChainTraffic(NamedTuple):
@@ -59,8 +69,10 @@ class ChainTraffic(NamedTuple):
         return self._replace(answered=self.answered + answer.n_bytes)
 
 
-def distribute(refinement: Refinement, scans: Sequence[PlacedScan], executor: Executor) -> None:
-    """Let the chains of a refinement be advanced by an executor from now on.
+def distribute(
+    refinement: Refinement, scans: Sequence[PlacedScan], executor: Executor
+) -> DistantSampler:
+    """Let the chains of a refinement be advanced by an executor from now on; return its sampler.
 
     `scans` are those that the refinement took. What was drawn comes back after every round: R-hat,
     map and state of the refinement are of all chains. New scans end it: `take` makes local chains.
@@ -71,7 +83,8 @@ def distribute(refinement: Refinement, scans: Sequence[PlacedScan], executor: Ex
     # What was found out here is not looked for again by a worker.
     parcel = pack_problem(refinement.found_settings(), scans)
     problem = Problem(digest(parcel), refinement.size.n_rays, here.model.n_cells)
-    refinement.sampler = DistantSampler(here, problem, parcel, executor)
+    distant = refinement.sampler = DistantSampler(here, problem, parcel, executor)
+    return distant
 
 
 class DistantSampler(PosteriorSampler):
@@ -118,9 +131,21 @@ class DistantSampler(PosteriorSampler):
         known = self._log_likelihoods
         return super().log_likelihoods() if known is None else list(known)
 
-    def figures(self) -> dict[str, int]:
-        """Return what was sent: bytes of the scans, once to each worker; jobs, bytes of chains."""
-        return {'parcel_bytes': len(self._parcel), **self.traffic._asdict()}
+    def figures(self) -> dict[str, Any]:
+        """Return what was sent, and by worker which chains it has and its memory at the most.
+
+        Bytes of the scans went to each worker once; `told` and `answered` are of chains.
+        """
+        workers = {}
+        if isinstance(self._executor, Workers):
+            peaks = self._executor.client.run(peak_mb)
+            held = self._executor.held()
+            workers = {
+                worker: {'chains': [j + 1 for j in held.get(worker, [])], 'peak_mb': peak}
+                for worker, peak in sorted(peaks.items())
+            }
+        sent = {'parcel_bytes': len(self._parcel), **self.traffic._asdict()}
+        return {**sent, 'workers': workers}
 
     def _advance_all(self, n_sweeps: int) -> int:
         answers = self._answers(n_sweeps)
@@ -142,10 +167,12 @@ class DistantSampler(PosteriorSampler):
 
     def _answers(self, n_sweeps: int) -> list[Advanced]:
         """Let every chain be advanced; send the scans again if no worker has them any more."""
-        futures: list[Future[Advanced | None]] = []
+        futures: list[Future[Advanced | Unknown]] = []
         for left in reversed(range(RETRIES)):
             if self._shared is None:
                 self._shared = share(self._executor, self._parcel)
+            for j in place(self._executor, range(self.n_chains)):
+                self._marks[j] = ''  # whoever does it next is told where the chain stands
             try:
                 return self._answered(n_sweeps, futures)
             except CancelledError:
@@ -157,21 +184,29 @@ class DistantSampler(PosteriorSampler):
                     futures.pop().cancel()
         raise AssertionError
 
-    def _answered(self, n_sweeps: int, futures: list[Future[Advanced | None]]) -> list[Advanced]:
+    def _answered(
+        self, n_sweeps: int, futures: list[Future[Advanced | Unknown]]
+    ) -> list[Advanced]:
         """Return what became of every chain; `futures` are those that were waited for."""
         found: dict[int, Advanced] = {}
+        waiting: dict[Future[Advanced | Unknown], int] = {}
+        ask = list(range(self.n_chains))
         while len(found) < self.n_chains:
-            waiting = {j: self._sent(j, n_sweeps) for j in range(self.n_chains) if j not in found}
-            futures += waiting.values()
-            for j, future in waiting.items():
-                answer = future.result()
-                if answer is None:
-                    self._marks[j] = ''  # whoever does it next is told where the chain stands
-                else:
+            sent = {self._sent(j, n_sweeps): j for j in ask}
+            futures += sent
+            waiting.update(sent)
+            ask.clear()
+            for future in wait(waiting, return_when=FIRST_COMPLETED).done:
+                j, answer = waiting.pop(future), future.result()
+                done_by(self._executor, j, answer.worker)
+                if isinstance(answer, Advanced):
                     found[j] = answer
+                else:
+                    self._marks[j] = ''
+                    ask.append(j)
         return [found[j] for j in range(self.n_chains)]
 
-    def _sent(self, j: int, n_sweeps: int) -> Future[Advanced | None]:
+    def _sent(self, j: int, n_sweeps: int) -> Future[Advanced | Unknown]:
         """Let a chain be advanced, by the worker that keeps it if there is one."""
         mark = self._marks[j]
         state = None if mark else ChainState.of(self, j)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import sys
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError, Executor, Future
 from contextlib import contextmanager
 from typing import Any
@@ -12,7 +13,17 @@ from typing import Any
 from ogm_mcmc import __version__
 from ogm_mcmc.errors import ClusterError, ConfigError
 
-__all__ = ['RETRIES', 'Workers', 'connected', 'share', 'submit_again']
+__all__ = [
+    'RETRIES',
+    'Workers',
+    'connected',
+    'done_by',
+    'place',
+    'share',
+    'spread',
+    'submit_again',
+    'this_worker',
+]
 
 ANSWER_S = 10.0
 WORKERS_S = 30.0
@@ -67,28 +78,43 @@ class Workers(Executor):
 
     def __init__(self, client: Any) -> None:
         self.client = client
-        self._had: dict[int, str] = {}  # which worker had the last task of a key
+        self._holder: dict[int, str] = {}  # the worker that keeps what belongs to a key
         self._pool = client.get_executor(pure=False, retries=RETRIES)
+        self._near: dict[str, Executor] = {}
 
     def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> Future[Any]:
         """Let any worker do it; a worker that is lost costs nothing."""
         done: Future[Any] = self._pool.submit(fn, *args, **kwargs)
         return done
 
+    def place(self, keys: Sequence[int]) -> set[int]:
+        """Ask who is there, and bind every key to a worker; return those with another one now."""
+        before = self._holder
+        self._holder = spread(keys, before, self.client.nthreads())
+        return {key for key in keys if self._holder.get(key) != before.get(key)}
+
     def again(self, key: int, fn: Any, /, *args: Any) -> Future[Any]:
-        """Let the worker do it that had the last task of this key, or another if need be."""
-        there: dict[str, int] = self.client.nthreads()
-        if there and self._had.get(key) not in there:
-            had = Counter(self._had.values())
-            self._had[key] = min(sorted(there), key=lambda one: had[one] / there[one])
-        near = self.client.get_executor(
-            pure=False,
-            retries=RETRIES,
-            workers=[self._had[key]] if key in self._had else None,
-            allow_other_workers=key in self._had,
-        )
-        done: Future[Any] = near.submit(fn, *args)
-        return done
+        """Let the worker do it that a key is bound to, or another if need be."""
+        worker = self._holder.get(key)
+        if worker is None:
+            return self.submit(fn, *args)
+        if worker not in self._near:
+            self._near[worker] = self.client.get_executor(
+                pure=False, retries=RETRIES, workers=[worker], allow_other_workers=True
+            )
+        return self._near[worker].submit(fn, *args)
+
+    def done_by(self, key: int, worker: str) -> None:
+        """Bind a key to the worker that did its last task: another may have taken it over."""
+        self._holder[key] = worker
+
+    def held(self) -> dict[str, list[int]]:
+        """Return the keys that are bound to each worker."""
+        workers = sorted(set(self._holder.values()))
+        return {
+            worker: sorted(key for key, holder in self._holder.items() if holder == worker)
+            for worker in workers
+        }
 
     def at(self, worker: str) -> Executor:
         """Return one of the workers alone; what it is given waits for it if it is gone."""
@@ -165,11 +191,63 @@ def _version() -> str:
     return __version__
 
 
+def spread(
+    keys: Sequence[int], holder: Mapping[int, str], threads: Mapping[str, int]
+) -> dict[int, str]:
+    """Return the worker of each key, of workers with so many threads; {} where there is none.
+
+    That is who had it before, unless that one is gone, or so full that another one, who joined
+    since, would have less to do for each of its threads with one key more.
+    """
+    if not threads:
+        return {}
+    there = sorted(threads)
+    placed = {key: holder[key] for key in keys if holder.get(key) in threads}
+    count = Counter(placed.values())
+
+    def with_one_more(worker: str) -> float:
+        return (count[worker] + 1) / threads[worker]
+
+    for key in keys:
+        if key not in placed:
+            placed[key] = min(there, key=with_one_more)
+            count[placed[key]] += 1
+    while True:
+        full = max(there, key=lambda worker: count[worker] / threads[worker])
+        free = min(there, key=with_one_more)
+        if count[full] / threads[full] <= with_one_more(free):
+            return placed
+        placed[max(key for key, worker in placed.items() if worker == full)] = free
+        count[full] -= 1
+        count[free] += 1
+
+
+def place(executor: Executor, keys: Sequence[int]) -> set[int]:
+    """Bind keys to workers, where there are several; return those with another one than before."""
+    return executor.place(keys) if isinstance(executor, Workers) else set()
+
+
 def submit_again(executor: Executor, key: int, fn: Any, /, *args: Any) -> Future[Any]:
-    """Submit a task, to the worker that had the last one of this key where there are several."""
+    """Submit a task, to the worker that its key is bound to where there are several."""
     if isinstance(executor, Workers):
         return executor.again(key, fn, *args)
     return executor.submit(fn, *args)
+
+
+def done_by(executor: Executor, key: int, worker: str) -> None:
+    """Note which worker did the last task of a key; '' says that there is none."""
+    if isinstance(executor, Workers) and worker:
+        executor.done_by(key, worker)
+
+
+def this_worker() -> str:
+    """Return the address of the worker that this runs in, '' in none."""
+    # Where a task of a worker runs it is imported.
+    distributed = sys.modules.get('distributed')
+    try:
+        return '' if distributed is None else str(distributed.get_worker().address)
+    except ValueError:
+        return ''
 
 
 def share(executor: Executor, data: bytes) -> Any:

@@ -102,6 +102,12 @@ class Deadly(workers_module.Workers):
     def share(self, data):
         return self.inner.share(data)
 
+    def place(self, keys):
+        return self.inner.place(keys)
+
+    def done_by(self, key, worker):
+        self.inner.done_by(key, worker)
+
     def again(self, key, fn, *args):
         self.submitted += 1
         if self.submitted == self.which:
@@ -180,7 +186,7 @@ def test_a_prior_file_need_not_be_on_the_worker(scans, tmp_path):
 
 
 class Forgetful(workers_module.Workers):
-    """Workers that have lost what was shared with them, the first time they are asked."""
+    """Workers that lose what was shared with them once, and move the second chain each round."""
 
     def __init__(self, inner):
         self.inner = inner
@@ -190,11 +196,18 @@ class Forgetful(workers_module.Workers):
         self.sent.append(data)
         return data
 
+    def place(self, keys):
+        return {1}
+
+    def done_by(self, key, worker):
+        raise AssertionError('threads are no workers')
+
     def again(self, key, fn, *args):
         self.given.append(args)
         if len(self.given) == 1:
             gone = Future()
             gone.cancel()
+            gone.set_running_or_notify_cancel()
             return gone
         return self.inner.submit(fn, *args)
 
@@ -210,6 +223,13 @@ def test_scans_are_sent_once_and_again_when_all_have_lost_them(scans, local):
     assert len(workers.given) > 6
     assert all(len(problem.token) == 64 for problem, *_ in workers.given)
     assert all(given[1] is workers.sent[0] for given in workers.given[:3])
+    # Who gets a chain that moves is told where it stands at once; others go on from their marks.
+    told = [
+        [job.state is not None for *_, job in workers.given[6:] if job.chain == j] for j in (0, 1)
+    ]
+    assert not any(told[0])
+    assert all(told[1])
+    assert min(map(len, told)) > 0
     same(refinement, local[0])
 
 
@@ -273,15 +293,21 @@ def test_sample_on_a_cluster(dask_cluster, office_bag, tmp_path, capsys, monkeyp
     def sample(name, *options):
         arguments = ['sample', str(office_bag), '-o', str(tmp_path / name), *few, *options]
         assert run(arguments) == 0
-        capsys.readouterr()
+        said.append(capsys.readouterr().out)
         with np.load(tmp_path / name / 'map.npz') as data:
             return data['probability'], data['r_hat']
 
+    said = []
     whole = sample('whole', '--max-sweeps', '44')
     state = ('--state', str(tmp_path / 'state'))
     sample('first', *state, '--max-sweeps', '20')
-    parts = sample('parts', *state, '--max-sweeps', '24', *there)
+    parts = sample('parts', *state, '--max-sweeps', '24', *there, '--json')
     assert len(shared) == 1
+    sent = json.loads(said[-1])['cluster']
+    assert min(sent['parcel_bytes'], sent['told'], sent['answered']) > 0
+    assert sent['jobs'] >= 2
+    assert sorted(j for of in sent['workers'].values() for j in of['chains']) == [1, 2]
+    assert all(of['peak_mb'] > 0 for of in sent['workers'].values())
     for one, other in zip(whole, parts, strict=True):
         assert np.array_equal(one, other, equal_nan=True)
 

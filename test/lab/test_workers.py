@@ -5,7 +5,7 @@ import pytest
 from ogm_mcmc.cli.main import run
 from ogm_mcmc.errors import ClusterError, ConfigError
 from ogm_mcmc.lab import workers as workers_module
-from ogm_mcmc.lab.workers import connected
+from ogm_mcmc.lab.workers import Workers, connected, spread
 
 
 def test_no_scheduler(monkeypatch, tmp_path, capsys):
@@ -51,3 +51,66 @@ def test_without_distributed(monkeypatch):
     monkeypatch.setitem(__import__('sys').modules, 'distributed', None)
     with pytest.raises(ConfigError, match=r'ogm_mcmc\[cluster\]'), connected('tcp://here:1'):
         pass
+
+
+def test_keys_stay_with_their_workers_and_are_spread_by_threads():
+    assert spread(range(3), {}, {'b': 1, 'a': 2}) == {0: 'a', 1: 'a', 2: 'b'}
+    assert spread(range(2), {0: 'b', 1: 'b'}, {'a': 1, 'b': 2}) == {0: 'b', 1: 'b'}
+    assert spread(range(2), {}, {}) == {}
+
+
+def test_keys_of_a_worker_that_is_gone_go_to_the_others():
+    had = {0: 'a', 1: 'b', 2: 'c', 3: 'a', 4: 'b', 5: 'c'}
+    assert spread(range(6), had, {'a': 1, 'b': 1}) == {**had, 2: 'a', 5: 'b'}
+
+
+def test_a_worker_that_joins_takes_over_what_others_have_too_much_of():
+    had = dict.fromkeys(range(4), 'a') | dict.fromkeys(range(4, 8), 'b')
+    found = spread(range(8), had, {'a': 1, 'b': 1, 'c': 1})
+    assert found == {**had, 3: 'c', 7: 'c'}
+    assert spread(range(8), found, {'a': 1, 'b': 1, 'c': 1}) == found
+    # One chain for each: nobody would be done sooner.
+    assert spread(range(2), {0: 'a', 1: 'b'}, {'a': 1, 'b': 1, 'c': 1}) == {0: 'a', 1: 'b'}
+
+
+class Scheduler:
+    """Stands for a client: says who is there, and notes who is to do what."""
+
+    def __init__(self, threads):
+        self.threads, self.asked, self.given = threads, 0, []
+
+    def nthreads(self):
+        self.asked += 1
+        return self.threads
+
+    def get_executor(self, *, workers=None, **_):
+        outer = self
+
+        class Pool:
+            def submit(self, fn, *args):
+                outer.given.append(workers)
+
+        return Pool()
+
+
+def test_who_is_there_is_asked_once_a_round():
+    there = Scheduler({'a': 1})
+    workers = Workers(there)
+    assert workers.place(range(2)) == {0, 1}
+    for key in range(2):
+        workers.again(key, abs)
+    there.threads['b'] = 1
+    assert workers.place(range(2)) == {1}
+    for key in range(2):
+        workers.again(key, abs)
+    assert there.asked == 2
+    assert there.given == [['a'], ['a'], ['a'], ['b']]
+    # Another worker took a task over: from now on it has what belongs to it.
+    workers.done_by(0, 'b')
+    workers.done_by(1, 'a')
+    assert workers.place(range(2)) == set()
+    assert workers.held() == {'a': [1], 'b': [0]}
+    there.threads.clear()
+    workers.place(range(2))
+    workers.again(0, abs)
+    assert there.given[-1] is None
