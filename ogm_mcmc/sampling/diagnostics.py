@@ -29,7 +29,7 @@ __all__ = [
 MAX_BATCHES = 16
 LARGEST_UINT16 = 65_535
 
-# Dispersed starts are four in turn (see `over_dispersed_starts`), two for each group.
+# Chains in a turn, two for each group: dispersed starts are four (see `over_dispersed_starts`).
 TURNS = 4
 
 # A cell this near to 0 or 1 is decided; the others say how well chains mix.
@@ -252,11 +252,14 @@ def in_groups(halves: Float64Array) -> tuple[Float64Array, int]:
     The more chains there are the fewer sweeps of each their common mean needs, but R-hat of single
     chains asks of each that it is long, and of more that none of them differs. So of every four
     the first two belong to one group and the last two to the other, and a group counts as one
-    long chain (after nested R-hat, Margossian et al. 2024). Dispersed chains start from the live
-    map and occupied in one group, free and from the prior in the other: a start that is not
-    forgotten sets them apart. What differs within a group and not between them does not: R-hat
-    speaks of the means of groups, `ChainQuality.mcse` of all chains. Numbers of chains that are
-    no multiple of four stay alone.
+    long chain (after nested R-hat, Margossian et al. 2024). What differs within a group and not
+    between them does not show: R-hat speaks of the means of groups, `ChainQuality.mcse` of all
+    chains. Numbers of chains that are no multiple of four stay alone.
+
+    Dispersed chains start from the live map and occupied in one group, free and from the prior in
+    the other, so a start that is still there sets groups apart. Single cells alone need that. Of
+    patches all starts are `forgotten`, of whatever kind they are: groups then differ by the draws
+    of their chains, from what readings ask for on, and by nothing that is known beforehand.
     """
     n_chains, n_cells = len(halves) // 2, halves.shape[1]
     if not judged_in_groups(n_chains):

@@ -141,11 +141,11 @@ Context. Half of the time until Intel agreed was burn-in, and chains agreed at n
 look afterwards. Ended by the likelihood it would never end: that still rises after 128 sweeps, by
 patterns at surfaces and by solid space behind walls that fills, of which no ray tells.
 
-Decision. Chains that start apart say themselves when they have forgotten it: at the half of the
-burn-in and each eighth after that R-hat looks at two halves of the later two thirds of its sweeps;
-where it is below 1.05 in 99 % of the informed cells, the burn-in ends with the next focus, two
-sweeps later. It is done whole where agreement says nothing of that: of one chain, of chains from a
-given map or with a `start` other than `dispersed`, of chains that go on.
+Decision. At the half of the burn-in and each eighth after that R-hat looks at two halves of the
+later two thirds of its sweeps, of many chains at those of two groups (`in_groups`); where it is
+below 1.05 in 99 % of the informed cells, the burn-in ends with the next focus, two sweeps later.
+It is done whole where agreement says nothing: of one chain, of chains from a given map or that go
+on, of single cells with a `start` other than `dispersed`. Of patches any start is forgotten first.
 
 Few draws disagree by chance more often than by themselves, so it errs on the long side: of Intel
 .990 agree after 23 sweeps, .992 after 30, .993 after 50. The focus is decided after 8 sweeps for
@@ -157,8 +157,8 @@ sweeps 64 counted ones had 105 effective samples, with 50 126: the first are tho
 per second they are as many. Even beams, judged by every third scan's odd ones, after 64 counted
 sweeps: 1.058 nats (43 of burn-in), with 50 1.061.
 
-What it cannot show: with a learned prior dispersed starts are `forgotten` before the first sweep,
-in what readings ask for, so that chains begin nearly alike. There it tells chains that settled in
+What it cannot show: of patches starts of all kinds are `forgotten` before the first sweep, in what
+readings ask for, so that chains begin nearly alike. There it tells chains that settled in
 different places, and halves of one chain that drift apart, not a drift that all have in common and
 that is slow beside a third of the burn-in. So means of 64 counted sweeps were compared, Intel, 910
 scans, two chains of each seed, burn-ins of 50 that may not end (two seeds) and that may (three,
