@@ -21,11 +21,14 @@ class Beside(NamedTuple):
     live: GridMap
     reflection: Reflections | None
 
-    def completed(self, drawn: GridMap, draws: int, weight: float, blur: float) -> GridMap:
+    def completed(
+        self, drawn: GridMap, draws: int, weight: float, blur: float, in_part: float
+    ) -> GridMap:
         """Return the mean of so many draws with the live map as one more of them.
 
         What cells reflected has its `weight`, and is the least that is believed, both as far as
-        readings are of the cells that they end in (`blur`, see `blur_of`). Few draws are completed
+        readings are of the cells that they end in (`blur`, see `blur_of`) and walls fill their
+        cells in part (`in_part`, see `filled_in_part`). Few draws are completed
         best: Intel, every second beam mapped, nats a held-out beam, draws alone and completed:
         .915, 1.258 after one sweep, .973, 1.281 after four, 1.000, 1.286 after seven; the live map
         .912.
@@ -33,5 +36,6 @@ class Beside(NamedTuple):
         found = with_one_more_draw(drawn, self.live, draws)
         if self.reflection is None:
             return found
-        found = with_share_of(found, self.reflection.share, weight, lowering=blur * weight)
-        return at_least(found, self.reflection.least(blur))
+        share = self.reflection.share
+        found = with_share_of(found, share, weight, lowering=blur * weight, of_sure=in_part)
+        return at_least(found, self.reflection.least(blur, in_part))

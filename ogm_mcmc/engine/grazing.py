@@ -49,7 +49,7 @@ from ogm_mcmc.geometry import CellBox, GridSpec, PlacedScan
 from ogm_mcmc.geometry.rays import on_lattice
 from ogm_mcmc.geometry.slants import slants_of
 
-__all__ = ['Grazing', 'grazing_of']
+__all__ = ['Grazing', 'filled_in_part', 'grazing_of']
 
 # So many beams ended in a cell that is solid, at least, and more than passed it.
 ENDED = 2
@@ -112,6 +112,51 @@ class Grazing(NamedTuple):
 
 def _sure(found: Spread) -> bool:
     return found.low_95 is not None and found.low_95 > 0.0
+
+
+def filled_in_part(grazing: Grazing | None, blur: float, resolution_m: float) -> float:
+    """Return how far walls fill cells in part: 0 where cells are walls or free, 1 walls anywhere.
+
+    grazing  what beams told of it, None where nobody asked them; blur: see `blur_of`
+
+    Design note. What a cell reflected corrects draws that are sure of cells which a wall fills in
+    part. Where cells are walls, as in images of maps and generated buildings, there are none, and
+    free cells beside walls that one beam of three seems to have ended in, by its noise, were said
+    to be occupied with .13. Surfaces that lie anywhere in their cells are off by 1 / sqrt(12) of a
+    cell. So 1 from there on, less below, 0 where chance may have made it; and as if `SEEN_BEFORE`
+    readings had said before that they do. Where readings are blurred, too, draws are sure of what
+    they cannot know. In doubt draws know less than beams, whatever walls are like: what a cell
+    reflected always weighs there (`with_share_of`).
+
+    The same draws, F1 at 0.5, Brier score, calibration error: without any weight for reflections,
+    with the same weight for all cells (before), with 0 here and with 1, which is as before:
+
+    ============================  ===================  ===================  ===================
+    map                           no weight            before               0 here
+    ============================  ===================  ===================  ===================
+    `home_ex3`, all beams         .9960 .00068 .00148  .9965 .00135 .00574  .9968 .00063 .00165
+    `home_ex1`, all               .9948 .00102 .00218  .9939 .00170 .00691  .9943 .00086 .00220
+    `uma_236_237`, all            .9907 .00092 .00113  .9923 .00121 .00356  .9923 .00083 .00128
+    building 1, all               .9999 .00004 .00038  1.000 .00029 .00208  1.000 .00003 .00047
+    building 9, all               .9996 .00002 .00015  .9999 .00009 .00059  .9999 .00002 .00017
+    `home_ex3`, one of 20         .9523 .00398 .00884  .9645 .00340 .00840  .9644 .00340 .00858
+    `uma_236_237`, one of 20      .9594 .00213 .00491  .9601 .00202 .00440  .9602 .00200 .00454
+    building 9, one of 20         .9780 .00087 .00321  .9855 .00068 .00276  .9863 .00068 .00288
+    office, all (1 is found)      .9632 .00228 .00300  .9729 .00120 .00218  .9663 .00217 .00288
+    ============================  ===================  ===================  ===================
+
+    (The last cell with 4 p (1 - p) in place of its root.) Freiburg and Intel have a blur of 1 and
+    are as before: without any weight Freiburg loses 0.274 of 1.077 nats a held-out beam.
+    Tried on these: a weight of 0.05 or 0.1 for all cells; 20 or 50 more beams that passed for the
+    least; the share with 2 or 5 beams more that said what draws say. All lose F1 or calibration
+    somewhere. A weight of 0.3 in doubt: F1 .0015 lower in the mean of 18 maps.
+    """
+    if grazing is None:
+        return 1.0
+    found = grazing.found
+    off = min(1.0, math.sqrt(12.0) * found.mean / resolution_m) if _sure(found) else 0.0
+    known = found.beams / (found.beams + SEEN_BEFORE)
+    return max(blur, known * off + 1.0 - known)
 
 
 def grazing_of(

@@ -61,11 +61,14 @@ class Reflections(NamedTuple):
     share: GridMap
     beams: GridMap
 
-    def least(self, blur: float) -> GridMap:
-        """Return the share, had more passed: up to `DOUBTED` for a blur of 1 (`blur_of`)."""
+    def least(self, blur: float, in_part: float = 1.0) -> GridMap:
+        """Return the share, had more passed: up to `DOUBTED` for a blur of 1 (`blur_of`).
+
+        As far as walls fill their cells `in_part`, see `filled_in_part`.
+        """
         share, beams = self.share.probability, self.beams.probability
         doubted = np.float32(DOUBTED_SHARP + blur * (DOUBTED - DOUBTED_SHARP))
-        return GridMap(self.share.spec, share * beams / (beams + doubted))
+        return GridMap(self.share.spec, np.float32(in_part) * share * beams / (beams + doubted))
 
 
 def reflection_map(

@@ -23,6 +23,7 @@ from ogm_mcmc.config import SamplerConfig, StopConfig, flatten
 from ogm_mcmc.engine.completed_map import Beside
 from ogm_mcmc.engine.earlier_chains import EarlierChains
 from ogm_mcmc.engine.fingerprint import fingerprint
+from ogm_mcmc.engine.grazing import filled_in_part
 from ogm_mcmc.engine.live_map import (
     cells_on,
     check_lattice,
@@ -345,14 +346,15 @@ class Refinement:
         """Return the probabilities on the window, nan where no ray ever came.
 
         The mean of draws, with the live map as one more, the share of beams that cells reflected
-        with its weight, `chain.reflecting`, and at least what that share is of many beams, both
-        as far as readings are of the cells that they end in (`Beside.completed`). `of` draws of
-        the burn-in as of those that count.
+        with its weight, `chain.reflecting`, and at least what that share is of many beams, as
+        `Beside.completed` has it. `of` draws of the burn-in as of those that count.
         """
-        of = of or self._sampled().estimate()
-        blur = blur_of(self.model.sigma_m, self.config.window.resolution)
-        weight = self.config.chain.reflecting
-        return self._beside().completed(self.drawn_map(of), of.draws, weight, blur)
+        of, cell_m = of or self._sampled().estimate(), self.config.window.resolution
+        blur, weight = blur_of(self.model.sigma_m, cell_m), self.config.chain.reflecting
+        in_part = filled_in_part(
+            None if self.sensor is None else self.sensor.grazing, blur, cell_m
+        )
+        return self._beside().completed(self.drawn_map(of), of.draws, weight, blur, in_part)
 
     def drawn_map(self, of: Estimate | None = None) -> GridMap:
         """Return the mean of the draws alone on the window, nan where no ray ever came."""

@@ -128,12 +128,18 @@ def with_one_more_draw(mean: GridMap, guess: GridMap, draws: int) -> GridMap:
 
 
 def with_share_of(
-    mean: GridMap, other: GridMap, share: float, lowering: float | None = None
+    mean: GridMap,
+    other: GridMap,
+    share: float,
+    lowering: float | None = None,
+    of_sure: float = 1.0,
 ) -> GridMap:
     """Return a map of which `other`, nan for none, has a share: (1 - share) mean + share other.
 
     Where that would lower the mean of a cell which `other` holds possible at all it has the share
-    `lowering` instead, if any is given.
+    `lowering` instead, if any is given. Of a cell that the mean is sure of the share is `of_sure`
+    times as large, of others in between: it goes along with the standard deviation of the cell, of
+    which 2 sqrt(p (1 - p)) is 1 at most.
 
     Design note. A sampler holds cells for solid or free. Where the edge of a wall runs through a
     cell, or beams pass glass and legs, some are reflected and others pass: it calls such cells
@@ -172,9 +178,12 @@ def with_share_of(
     """
     p, q = mean.probability, other.probability
     weight: AnyArray | float = share
+    if of_sure < 1.0:
+        doubt = 2.0 * np.sqrt(p * (np.float32(1.0) - p))
+        weight = share * (of_sure + (1.0 - of_sure) * doubt)
     if lowering is not None:
         with np.errstate(invalid='ignore'):
-            weight = np.where((q > 0.0) & (q < p), np.float32(lowering), np.float32(share))
+            weight = np.where((q > 0.0) & (q < p), np.float32(lowering), np.float32(weight))
     mixed = (1.0 - weight) * p + weight * q
     return GridMap(mean.spec, np.where(np.isnan(q), p, mixed).astype(np.float32))
 

@@ -17,6 +17,7 @@ from ogm_mcmc.engine.grazing import (
     _Misses,
     _misses,
     _spread,
+    filled_in_part,
     grazing_of,
 )
 from ogm_mcmc.engine.range_spread import Spread
@@ -208,3 +209,16 @@ def test_grazing_that_would_make_the_index_too_large_does_not_count():
     asked = refinement(roomy.model.grazing)
     with pytest.raises(WindowError, match='expected at most max_memory_mb = 1'):
         asked.take(scans)
+
+
+def test_walls_fill_cells_in_part_unless_beams_say_that_they_do_not():
+    def part(mean, low, readings, blur=0.0):
+        return filled_in_part(Grazing.of(Spread(mean, 0.0, readings, low, mean), 1.0), blur, CELL)
+
+    assert filled_in_part(None, 0.0, CELL) == 1.0  # nobody asked
+    assert part(0.0, 0.0, 0) == 1.0  # nothing was told
+    assert part(0.0, 0.0, 150) == pytest.approx(0.25)
+    assert part(0.0, 0.0, 150, blur=0.7) == pytest.approx(0.7)
+    assert part(0.02, 0.0, 150) == pytest.approx(0.25)  # chance may have made it
+    assert part(0.5 * CELL / math.sqrt(12.0), 0.001, 150) == pytest.approx(0.25 + 0.75 * 0.5)
+    assert part(0.04, 0.01, 150) == part(0.04, 0.01, 10**6) == 1.0

@@ -16,12 +16,14 @@ from ogm_mcmc.config import (
     WindowConfig,
 )
 from ogm_mcmc.config.nodes import RefineSamplerConfig
+from ogm_mcmc.engine.grazing import Grazing
 from ogm_mcmc.engine.live_map import DOUBTED, live_map, reflection_map
-from ogm_mcmc.engine.range_spread import blur_of
+from ogm_mcmc.engine.range_spread import Spread, blur_of
 from ogm_mcmc.engine.refined_map import RefinedMap
 from ogm_mcmc.engine.refinement import Refinement
+from ogm_mcmc.engine.sensor_fit import SensorNumbers
 from ogm_mcmc.geometry import PlacedScan, Pose2D
-from ogm_mcmc.sampling.estimates import hide_uncertain, with_share_of
+from ogm_mcmc.sampling.estimates import hide_uncertain, with_one_more_draw, with_share_of
 from ogm_mcmc.sampling.informed import known_cells
 from ogm_mcmc.sampling.posterior import ARRIVES
 
@@ -121,6 +123,30 @@ def test_a_cell_that_reflected_many_beams_has_no_less_than_their_share():
     without, found = (one.probability[row, column] for one in maps)
     assert without < 0.1
     assert found == approx(80.0 / (180.0 + DOUBTED))
+
+
+def test_what_cells_reflected_leaves_draws_alone_where_cells_are_walls():
+    """Beams say that surfaces are not off: the weight goes along with what draws do not know."""
+    refinement = taken(FIRST, SECOND, reflecting=0.2)
+    run(refinement, max_sweeps=12)
+    spec, window = refinement.window.spec, refinement.config.window
+    plain = with_one_more_draw(
+        refinement.drawn_map(), refinement.guess, refinement.sampler.estimate().draws
+    ).probability
+    q = reflection_map([FIRST, SECOND], window, spec.box).share.probability
+    least = reflection_map([FIRST, SECOND], window, spec.box).least(0.0).probability
+    told = Grazing(Spread(0.0, 0.0, 150, 0.0, 0.0), 0.0)  # 150 readings, 50 before them
+    refinement.sensor = SensorNumbers(None, None, None, told)
+    refinement.model = replace(refinement.model, sigma=0.4 * window.resolution)
+    found = refinement.map().probability
+    seen = np.isfinite(q) & np.isfinite(plain)
+    assert seen.sum() > 10
+    for p, share, at_least, is_now in zip(
+        plain[seen].tolist(), q[seen].tolist(), least[seen].tolist(), found[seen], strict=True
+    ):
+        weight = 0.2 * (0.25 + 0.75 * 2.0 * math.sqrt(p * (1.0 - p)))
+        mixed = p if 0.0 < share < p else (1.0 - weight) * p + weight * share
+        assert is_now == approx(max(mixed, 0.25 * at_least), abs=1e-5)
 
 
 @pytest.mark.filterwarnings('ignore:.*prior learned at')

@@ -81,6 +81,21 @@ def test_another_map_has_a_share_where_it_knows_anything():
     assert math.isnan(raised[4])
 
 
+def test_what_the_mean_is_sure_of_is_moved_less():
+    def row(*values):
+        return GridMap(GridSpec(0.1, 5, 1), np.array([values], np.float32))
+
+    mean, other = row(0.0, 1.0, 0.5, 0.1, 0.9), row(0.5, 0.0, 1.0, math.nan, 0.4)
+    unmoved = with_share_of(mean, other, 0.2, of_sure=0.0).probability[0]
+    assert unmoved == approx([0.0, 1.0, 0.6, 0.1, 0.9 - 0.12 * 0.5])  # 2 sqrt(.9 * .1) is .6
+    some = with_share_of(mean, other, 0.2, lowering=0.0, of_sure=0.25).probability[0]
+    assert some == approx([0.025, 0.95, 0.6, 0.1, 0.9])
+    assert np.array_equal(
+        with_share_of(mean, other, 0.2, of_sure=1.0).probability,
+        with_share_of(mean, other, 0.2).probability,
+    )
+
+
 def test_a_map_is_raised_to_the_least_that_another_one_says():
     def row(*values):
         return GridMap(GridSpec(0.1, 5, 1), np.array([values], np.float32))
