@@ -24,6 +24,8 @@ from ogm_mcmc.cli.simulated_world import (
     check_world_options,
     exploration_from,
     loaded,
+    true_map,
+    turned,
 )
 from ogm_mcmc.config import OutputConfig
 from ogm_mcmc.engine.saved_map import save_map
@@ -180,6 +182,7 @@ def _by_sonars(
     else:
         way = exploration_from(options, ring.range_max_m, world.spec.resolution_m)
         scans = record_exploration_with_sonars(world, ring, way, rng, depth=options.depth)
+        scans = turned(options, world, scans)
     mounts, output, overwrite = ring.mounts(), options.output, options.overwrite
     back = {frame: mount.inverse() for frame, mount in mounts.items()}
     return _Simulated(
@@ -219,7 +222,8 @@ def _by_lidar(
         options.depth,
     )
     if not options.localize:
-        return placed._replace(scans=record_exploration(world, lidar, way, rng, depth=depth))
+        scans = record_exploration(world, lidar, way, rng, depth=depth)
+        return placed._replace(scans=turned(options, world, scans))
     count = options.particles
     return _Simulated(
         truth,
@@ -230,4 +234,6 @@ def _by_lidar(
 
 
 def _true_map(options: argparse.Namespace, world: Building | GridWorld) -> GridMap:
-    return rasterised(world, options.resolution) if isinstance(world, Building) else world.truth()
+    if isinstance(world, Building):
+        return rasterised(world, options.resolution)
+    return true_map(options, world)

@@ -3,14 +3,25 @@
 from __future__ import annotations
 
 import argparse
+import math
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 from ogm_mcmc.cli.option_ranges import Range, check_options, is_given, option_name, refused
 from ogm_mcmc.errors import ConfigError
+from ogm_mcmc.geometry import GridMap, PlacedScan
 from ogm_mcmc.io.world_files import load_world, world_kind
-from ogm_mcmc.simulation import Building, Exploration, GridWorld
+from ogm_mcmc.simulation import Building, Exploration, GridWorld, Turned
 
-__all__ = ['add_world_options', 'check_cells', 'check_world_options', 'exploration_from', 'loaded']
+__all__ = [
+    'add_world_options',
+    'check_cells',
+    'check_world_options',
+    'exploration_from',
+    'loaded',
+    'true_map',
+    'turned',
+]
 
 
 class Use(NamedTuple):
@@ -36,6 +47,8 @@ USES = {
     'max_scans': _of_cells(1000),
     'localize': _of_cells(False),
     'particles': _of_cells(100),
+    'turn': _of_cells(0.0),
+    'truth_resolution': _of_cells(0.0),
 }
 
 RANGES = {
@@ -45,6 +58,8 @@ RANGES = {
     'min_scans': Range(0),
     'max_scans': Range(1),
     'particles': Range(1, 100_000),
+    'turn': Range(-360, 360, 'degrees'),
+    'truth_resolution': Range(0, 10, 'm'),
 }
 
 # Of what a robot can do, see `Exploration`; so in metres it depends on the world.
@@ -73,6 +88,14 @@ def add_world_options(parser: argparse.ArgumentParser) -> None:
         '--localize', action='store_true', help='poses from odometry and a particle filter'
     )
     add('--particles', int, 'of a belief, in the bag (--localize)')
+    add(
+        '--turn',
+        float,
+        'the world lies turned by this about its middle, degrees: no wall follows the lattice of '
+        'the map. Cells of the truth are occupied from half of their area on, free where nothing '
+        'of them is solid, else unknown',
+    )
+    add('--truth-resolution', float, 'side of a cell of the truth, m (--turn); 0: as in the world')
 
 
 def check_world_options(options: argparse.Namespace) -> None:
@@ -84,6 +107,10 @@ def check_world_options(options: argparse.Namespace) -> None:
             raise ConfigError(f'{option_name(name)}: {expected}')
     if options.particles is not None and not options.localize:
         raise ConfigError('--particles: expected with --localize')
+    if options.turn is not None and (options.localize or options.drive):
+        raise ConfigError('--turn: expected without --localize and --drive')
+    if options.truth_resolution is not None and options.turn is None:
+        raise ConfigError('--truth-resolution: expected with --turn')
     check_options(options, RANGES)
     for name, use in USES.items():
         if getattr(options, name) is None:
@@ -102,6 +129,29 @@ def loaded(options: argparse.Namespace) -> Building | GridWorld:
         world_seed=options.world_seed,
         most_cells=options.max_cells,
     )
+
+
+def true_map(options: argparse.Namespace, world: GridWorld) -> GridMap:
+    """Return the truth of a world of cells as it lies in the map. Raises ConfigError."""
+    if options.turn == 0.0:
+        return world.truth()
+    lying = Turned.about_middle(world, math.radians(options.turn))
+    spec = lying.spec(options.truth_resolution or world.spec.resolution_m)
+    if spec.width * spec.height > options.max_cells:
+        raise ConfigError(
+            f'the turned truth of {options.world} would have {spec.width} x {spec.height} cells: '
+            f'expected at most {options.max_cells} (--max-cells, --truth-resolution)'
+        )
+    return lying.truth(spec)
+
+
+def turned(
+    options: argparse.Namespace, world: GridWorld, scans: Iterator[PlacedScan]
+) -> Iterator[PlacedScan]:
+    """Return scans taken in a world of cells where they are in the map."""
+    if options.turn == 0.0:
+        return scans
+    return Turned.about_middle(world, math.radians(options.turn)).placed(scans)
 
 
 def check_cells(name: str, length_m: float, cell_m: float) -> None:

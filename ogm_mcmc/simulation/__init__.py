@@ -34,6 +34,7 @@ from ogm_mcmc.simulation.recording import (
 )
 from ogm_mcmc.simulation.sonar import SonarRing
 from ogm_mcmc.simulation.trajectories import walk
+from ogm_mcmc.simulation.turned import Turned
 from ogm_mcmc.simulation.worlds import WORLDS, Building, rasterised
 
 __all__ = [
@@ -55,6 +56,7 @@ __all__ = [
     'ScanFit',
     'SonarRing',
     'Stop',
+    'Turned',
     'WorldFit',
     'drive',
     'explore',

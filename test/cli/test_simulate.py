@@ -67,6 +67,27 @@ def test_mapped_and_evaluated(tmp_path, capsys):
 
 
 @pytest.mark.jit
+def test_a_turned_world_is_mapped_and_evaluated(tmp_path, capsys):
+    """What beams meet is where the truth has it, on a lattice that no wall follows."""
+    bag, maps, picture = tmp_path / 'bag', tmp_path / 'maps', np.zeros((80, 110), np.uint8)
+    picture[6:-6, 6:-6] = 255
+    picture[6:50, 54:60] = 0
+    Image.fromarray(picture).save(tmp_path / 'room.png')
+    arguments = ('--turn', 23, '--beams', 180, '--noise', 0, '--min-scans', 4)
+    assert command(capsys, 'simulate', tmp_path / 'room.png', '-o', bag, *arguments)[0] == 0
+    assert command(capsys, 'map', bag, '-o', maps)[0] == 0
+    code, out, _ = command(
+        capsys, 'evaluate', maps / 'map.npz', '--truth', tmp_path / 'bag_truth.yaml', '--json',
+        '-o', maps, '--mask', 'measured',
+    )  # fmt: skip
+    assert code == 0
+    figures = json.loads(out)
+    assert figures['cells'] > 4000
+    assert figures['roc_area'] > 0.95
+    assert figures['best']['f1'] > 0.7
+
+
+@pytest.mark.jit
 def test_noise_in_cells_and_in_metres(tmp_path, capsys):
     """Cells of this world are 0.1 m: 2 cells are 0.2 m, to the last digit."""
     for name, noise in (('a', ('--noise-cells', 2)), ('b', ('--noise', 0.2))):
@@ -182,6 +203,15 @@ def test_believed_poses(tmp_path, capsys):
         ),
         (['building-9', '--unknown', 'free'], '--unknown: expected with a map YAML'),
         (['building-9', '--particles', '9'], '--particles: expected with --localize'),
+        (['office', '--turn', '9'], '--turn: expected with a world of cells'),
+        (['building-9', '--turn', '400'], '--turn is 400: expected -360 to 360 degrees'),
+        (['building-9', '--turn', '9', '--drive'], '--turn: expected without --localize and'),
+        (['building-9', '--turn', '9', '--localize'], '--turn: expected without --localize and'),
+        (['building-9', '--truth-resolution', '0.1'], '--truth-resolution: expected with --turn'),
+        (
+            ['building-9', '--turn', '9', '--truth-resolution', '1e-3'],
+            'the turned truth of building-9 would have 57',
+        ),
     ],
     ids=lambda value: ' '.join(value) if isinstance(value, list) else '',
 )
