@@ -92,7 +92,7 @@ class TiledRefinement(Refinement):
         held = self._holders.hold(given, scans, tiling)
         prior = TilePrior(chain.prior_log_odds, chain.order, side, patch.margin, patch.escape)
         batch = batch_of(scans, given.window, self.model)
-        arrive = partial(arrivals, batch, given.window, self.model, tiling.spec)
+        arrive = partial(arrivals, batch, self.model, tiling.spec)
         self._model = TiledModel(tiling, held.reports, held.tiles, prior, arrive)
         self._size = IndexSize(
             size.rays,

@@ -147,7 +147,6 @@ def batch_of(
 
 def arrivals(
     batch: Batch,
-    config: WindowConfig,
     model: ForwardModelConfig,
     spec: GridSpec,
     telling: AnyArray,

@@ -60,7 +60,7 @@ def tiled(scans, window, model, tiling, table=None, **prior):
     batch = batch_of(scans, window, model)
 
     def arrive(telling, probability, least):
-        return arrivals(batch, window, model, tiling.spec, telling, probability, least)
+        return arrivals(batch, model, tiling.spec, telling, probability, least)
 
     reports = [sampler.report() for sampler in samplers]
     return TiledModel(tiling, reports, tiles, TilePrior(side=side, **prior), arrive), tiles
