@@ -22,6 +22,7 @@ __all__ = [
     'ScanError',
     'WindowError',
     'WindowFullError',
+    'PLAIN_NAME_EXPECTED',
     'is_plain_name',
     'listed',
     'require',
@@ -29,6 +30,11 @@ __all__ = [
 
 # Bytes; a file name may have 255, and endings such as _trajectory_deviations.csv come on top.
 LONGEST_NAME = 200
+
+PLAIN_NAME_EXPECTED = (
+    'expected a file name without folders, printable, not hidden (a point first), '
+    f'of at most {LONGEST_NAME} bytes'
+)
 
 
 # So many names are told of many.

@@ -27,7 +27,7 @@ from ogm_mcmc.config import (
     settings_of,
 )
 from ogm_mcmc.config.pose_sources import POSE_SOURCES, POSE_SOURCES_TEXT
-from ogm_mcmc.errors import is_plain_name, require
+from ogm_mcmc.errors import PLAIN_NAME_EXPECTED, is_plain_name, require
 
 __all__ = [
     'LIVE_PARAMETERS',
@@ -133,7 +133,7 @@ class ManagedConfig:
 
 
 def _check_save_name(name: str) -> None:
-    require(is_plain_name(name), 'save_name', name, 'expected a file name without folders')
+    require(is_plain_name(name), 'save_name', name, PLAIN_NAME_EXPECTED)
 
 
 @dataclass(frozen=True)

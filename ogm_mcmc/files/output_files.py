@@ -25,7 +25,7 @@ from pathlib import Path
 
 import yaml
 
-from ogm_mcmc.errors import OutputError, is_plain_name
+from ogm_mcmc.errors import PLAIN_NAME_EXPECTED, OutputError, is_plain_name
 from ogm_mcmc.files.input_files import text_of
 from ogm_mcmc.files.processes import host_name, lives
 from ogm_mcmc.files.user_paths import possible_path
@@ -231,5 +231,5 @@ def makeable_folder(path: Path) -> Path:
 def checked_name(name: str) -> str:
     """Return a name for map files; raises OutputError unless it is a plain file name."""
     if not is_plain_name(name):
-        raise OutputError(f'name of the map is {name!r}: expected a file name without folders')
+        raise OutputError(f'name of the map is {name!r}: {PLAIN_NAME_EXPECTED}')
     return name
