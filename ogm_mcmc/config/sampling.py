@@ -349,8 +349,9 @@ class ShownConfig:
 
     unknown_margin: float = setting(
         0.02,
-        'a cell is shown as known when max(p, 1 - p) exceeds that of the prior by this; '
-        'otherwise it is unknown (-1). Cells without data are always unknown',
+        'a cell is shown as known when max(p, 1 - p) exceeds that of the prior by this, or, of a '
+        'wall in the live map, p one half; otherwise it is unknown (-1). Cells without data are '
+        'always unknown',
         low=-0.5,
         high=0.5,
         live=True,
