@@ -81,10 +81,10 @@ def test_all_files_tell_the_same(sample, tmp_path):
     told = np.isfinite(known)
     assert np.array_equal(known[told], everywhere[told])
     assert np.array_equal(np.isfinite(everywhere), touched)
-    # Its probability has a fifth of what cells reflected, which draws alone do not have; a few
-    # that reflected many beams are raised to their share (2 % here, where readings are sharp).
-    assert (mean - known)[told].max() <= 0.2 + 1.0 / 400
-    assert 0 < np.count_nonzero((known - mean)[told] > 0.2 + 1.0 / 400) < 0.03 * told.sum()
+    # Its probability has up to a fifth of what cells reflected, which draws alone do not have. No
+    # more: here beams that graze tell that walls are whole cells, so nothing is raised.
+    apart = np.abs(known - mean)[told]
+    assert 0.05 < apart.max() <= 0.2 + 1.0 / 400
     assert np.mean(known[told] == mean[told]) < 0.9
     assert 1000 < told.sum() < touched.sum()
     assert (known > 0.5).sum() > 200
@@ -93,12 +93,14 @@ def test_all_files_tell_the_same(sample, tmp_path):
     # would seldom be so far from it: two chains, 64 sweeps and two for every second sample. Where
     # data hardly came to, chains change a cell so rarely that some means are far from it, too.
     # What was drawn decides; free or occupied is by the probability, free to 0.25, occupied from
-    # 0.65.
+    # 0.65. Walls that the live map has, too, are shown from more than 0.55 of the draws on.
     by_chance = 3.0 * np.sqrt(0.15 * 0.85 / (2 * (64 + 200)))
     certain = told & (np.maximum(mean, 1.0 - mean) > 0.9) & (np.abs(mean - 0.15) > by_chance)
     assert np.array_equal(shown == 0.0, certain & (known <= 0.25))
-    assert np.array_equal(shown == 1.0, certain & (known >= 0.65))
-    assert (np.isfinite(shown) <= certain).all()
+    walls, solid = shown == 1.0, told & (known >= 0.65)
+    assert ((certain & solid) <= walls).all()
+    assert (walls <= (solid & (mean > 0.55))).all()
+    assert np.array_equal(np.isfinite(shown), (shown == 0.0) | walls)
     assert (shown == 1.0).sum() > 200
     with Image.open(out / 'map_entropy.png') as image:
         assert image.size == (result['width'], result['height'])
@@ -333,11 +335,15 @@ def test_what_the_bar_says():
 
 
 def test_defaults_are_those_of_the_node():
-    """Two answers from the same scans would be hard to explain."""
+    """Two answers from the same scans would be hard to explain.
+
+    But for poses: the node shows a map before it has estimated them, the command would wait.
+    """
     parser = argparse.ArgumentParser()
     add_to(parser.add_subparsers())
     chosen = _chosen(parser.parse_args(['sample', 'bag', '-o', 'out']))
     node = {leaf.name: leaf.default for config in REFINE_CONFIGS for leaf in settings_of(config)}
+    assert (node.pop('poses'), chosen.poses.poses) == ('auto', 'fixed')
     for config in chosen:
         for name, value in flatten(config).items():
             assert name not in node or node[name] == value, name
