@@ -235,4 +235,5 @@ def _line(cells: Iterable[Any]) -> str:
 def _called(entry: Mapping[str, Any]) -> str:
     name = entry['world']
     name = f'`{name}`' if name in images() else name.replace('-', ' ')
-    return f'{name}, ' + ('all beams' if entry['stride'] == 1 else f'one of {entry["stride"]}')
+    share = 'all' if entry['stride'] == 1 else f'one of {entry["stride"]}'
+    return f'{name}, {share} beams'

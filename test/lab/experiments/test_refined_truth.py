@@ -44,7 +44,7 @@ def test_a_room_is_mapped_of_the_same_beams_and_judged(monkeypatch):
     assert 3 <= better <= 5
     table = refined_truth.table_of([found]).splitlines()
     assert len({line.count('|') for line in table}) == 1
-    assert table[2].startswith('| building 10, one of 2 | 80 | 16 | ')
+    assert table[2].startswith('| building 10, one of 2 beams | 80 | 16 | ')
     assert f'| {found["live"]["brier"]:.4f} / {found["refined"]["brier"]:.4f} |' in table[2]
 
 
