@@ -26,7 +26,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ogm_mcmc.arrays import Float64Array
+from ogm_mcmc.arrays import BoolArray, Float64Array
 from ogm_mcmc.errors import GridError, require
 from ogm_mcmc.evaluation.wall_matches import wall_matches
 from ogm_mcmc.geometry import GridMap, PlacedScan, Pose2D, wrap_angle
@@ -45,7 +45,7 @@ FIRST_BEAMS, LAST_BEAMS = 800, 4000
 MOST_STEPS = 12
 
 # The last step is so small a share of a cell.
-LAST_STEP = 0.1
+LAST_STEP = 0.05
 
 # Another place is so many coarse cells away, or turned by as much at a usual end of a beam.
 ELSEWHERE = 3.0
@@ -58,10 +58,7 @@ LATTICE = np.stack(np.meshgrid(*3 * [[0.0, -1.0, 1.0]], indexing='ij'), axis=-1)
 
 @dataclass(frozen=True)
 class FrameSearch:
-    """How far the middle of the beams' ends may move, m (0: anywhere), and the map turn, rad.
-
-    A motion that is found may lie beyond by a coarse cell.
-    """
+    """How far the middle of the beams' ends may move, m (0: anywhere), and the map turn, rad."""
 
     reach_m: float = 0.0
     turn_rad: float = math.pi
@@ -71,6 +68,24 @@ class FrameSearch:
         require(0.0 <= self.reach_m < math.inf, 'reach', self.reach_m, 'expected 0 m or more')
         inside = 0.0 <= self.turn_rad <= math.pi
         require(inside, 'turn', self.turn_rad, 'expected 0 to pi rad')
+
+    def holds(self, moves: Float64Array) -> BoolArray:
+        """Return which moves (M, 3) lie in the range: shifts m after turns rad."""
+        near: BoolArray = np.ones(len(moves), np.bool_)
+        if self.turn_rad < math.pi:
+            near &= np.abs(moves[:, 2]) <= self.turn_rad
+        if self.reach_m > 0.0:
+            near &= np.hypot(moves[:, 0], moves[:, 1]) <= self.reach_m
+        return near
+
+    def drawn_in(self, moves: Float64Array) -> Float64Array:
+        """Return moves (M, 3), those beyond the range set on its border."""
+        inside = moves.copy()
+        inside[:, 2] = np.clip(inside[:, 2], -self.turn_rad, self.turn_rad)
+        if self.reach_m > 0.0:
+            away = np.hypot(moves[:, 0], moves[:, 1])
+            inside[:, :2] *= np.minimum(1.0, self.reach_m / np.maximum(away, 1e-9))[:, np.newaxis]
+        return inside
 
 
 class FoundFrame(NamedTuple):
@@ -107,19 +122,19 @@ def find_frame(
     middle = ends.mean(axis=0)
     per_m = looked.turn_rad / looked.cell_m
     few, many = _Beams.some(placed, FIRST_BEAMS), _Beams.some(placed, LAST_BEAMS)
-    moves = np.vstack((np.zeros(3), looked.moves))
+    moves = np.vstack((np.zeros(3), search.drawn_in(looked.moves)))
     sigmas = _halved(looked.cell_m, model.sigma_m)
     for level, sigma in enumerate(sigmas):
         fit = ProbabilityBeams(grid_map, plain._replace(sigma_m=sigma), prior)
         beams = few if level < len(sigmas) - 2 else many
-        moves, nats = _climbed(fit, beams, moves, middle, sigma / 2.0, per_m)
+        moves, nats = _climbed(fit, beams, moves, middle, sigma / 2.0, per_m, search)
         moves, nats = _distinct(
             moves, nats, ELSEWHERE * looked.cell_m, per_m, LEFT[min(level, len(LEFT) - 1)]
         )
     fit = ProbabilityBeams(grid_map, plain, prior)
     cell = grid_map.spec.resolution_m
     for step in _halved(min(model.sigma_m, cell) / 4.0, LAST_STEP * cell):
-        moves, nats = _climbed(fit, many, moves, middle, step, per_m)
+        moves, nats = _climbed(fit, many, moves, middle, step, per_m, search)
     moves, nats = _distinct(moves, nats, ELSEWHERE * looked.cell_m, per_m, 2)
     as_given = float(many.nats(fit, np.zeros((1, 3)))[0])
     frames = [Pose2D(x, y, wrap_angle(yaw)) for x, y, yaw in _frames(moves, middle).tolist()]
@@ -222,14 +237,23 @@ def _climbed(
     middle: Float64Array,
     step_m: float,
     rad_per_m: float,
+    search: FrameSearch,
 ) -> tuple[Float64Array, Float64Array]:
-    """Return moves (M, 3) after steps to the best neighbour each, and their nats a beam (M,)."""
+    """Return moves (M, 3) after steps to the best neighbour each, and their nats a beam (M,).
+
+    None of them leaves the range of the search.
+    """
     moves = moves.copy()
     nats = np.full(len(moves), -np.inf)
     climbing = np.arange(len(moves))
     for _ in range(MOST_STEPS):
         tried = moves[climbing, np.newaxis] + step_m * LATTICE * (1.0, 1.0, rad_per_m)
-        found = beams.nats(fit, _frames(tried.reshape(-1, 3), middle)).reshape(len(climbing), -1)
+        places = tried.reshape(-1, 3)
+        inside = search.holds(places)
+        inside[:: len(LATTICE)] = True  # where it is, but for rounding
+        each = np.full(len(places), -np.inf)
+        each[inside] = beams.nats(fit, _frames(places[inside], middle))
+        found = each.reshape(len(climbing), -1)
         best = found.argmax(axis=1)  # of equal ones the first: the middle
         nats[climbing] = found.max(axis=1)
         moves[climbing] = tried[np.arange(len(climbing)), best]

@@ -89,6 +89,15 @@ def test_a_small_move_gains_where_a_map_lies_a_little_off(room):
     assert gain_near_by(grid_map, silent, MODEL, prior=0.15) == 0.0
 
 
+def test_what_is_found_lies_in_the_range(room):
+    grid_map, placed = room
+    away = moved(placed, Pose2D(0.6, 0.1))
+    found = find_frame(grid_map, away, MODEL, prior=0.15, search=FrameSearch(0.5, 0.0))
+    assert found.frame.yaw_rad == 0.0
+    assert 0.4 < math.hypot(found.frame.x_m, found.frame.y_m) <= 0.5 + 1e-9
+    assert found.as_given < found.nats
+
+
 def test_climbing_goes_by_the_likelihood_of_the_judge(room):
     grid_map, placed = room
     frames = np.array([[0.0, 0.0, 0.0], [0.2, -0.1, 0.1], [3.0, -2.0, 2.2]])
