@@ -44,7 +44,7 @@ zones from 5 nats below the best on in place of 8, SLIP 4 not 3  .52           .
 rays that end in a cell hang together                            .49           .71
 comparing bits; asking for memory ahead                          .40           .60
 a loop of its own for cells that nobody looks at                 .38           .55
-**one line of numbers a ray; asking for what lies in front**     .35 to .36    .52 to .56
+**one line of numbers a ray; asking for what lies in front**     .35 to .37    .52 to .56
 ===============================================================  ============  =============
 
 With little else running the row `the same` was .61 and .78, so the last one should gain on cut
