@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from ogm_mcmc.config import PosesConfig
@@ -55,8 +55,12 @@ class _Held(NamedTuple):
 class KeptPoses:
     """Poses of scans as they were estimated last, and whether they are to be."""
 
-    def __init__(self, config: PosesConfig) -> None:
+    def __init__(
+        self, config: PosesConfig, log: Callable[[str], object] = lambda text: None
+    ) -> None:
         self.config = config
+        self._log = log
+        self._said: bool | None = None
         self.joint: bool | None = None  # as chosen last
         self.trajectory: RefinedTrajectory | None = None
         # By belief: a scan that was read anew, with the belief it had, is where it was.
@@ -67,14 +71,23 @@ class KeptPoses:
         """Decide whether poses of scans are estimated: as before, unless that is clearly wrong.
 
         Where they are not, no poses of before are left; where they are, those of these scans.
+        Why is logged, where that is another choice than was said last.
         """
         choice = choose_joint(scans, self.config, resolution_m, self.joint)
         if not choice.joint:
             self._let_go()
         asked = set(map(_stamp, scans))
         self._held = {key: one for key, one in self._held.items() if _stamp(one.given) in asked}
+        if choice.why and choice.joint != self._said:
+            self._log(choice.why)
+            self._said = choice.joint
         self.joint = choice.joint
         return choice
+
+    def said_of_map(self, moves: bool) -> str:
+        """Return at which poses maps are; `moves`: others are being estimated."""
+        here = 'as given' if not self.joint or self.trajectory is None else 'joint'
+        return f'{here}; joint ones are being estimated' if self.joint and moves else here
 
     def keep(self, found: EstimatedPoses) -> None:
         """Hold these poses, and none of before; scans that lie as before stay the same objects."""

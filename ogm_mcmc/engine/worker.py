@@ -82,15 +82,14 @@ class RefineWorker:
         self.niceness = niceness
         self.log = log
         self.warn = warn or log
-        self.status = WorkerStatus()
+        self._status = WorkerStatus()
         self.result: RefinedMap | None = None
         self.failure: BaseException | None = None
         self._state = StateFile(state_file, self.log, self.warn)
         self._chains = WarmChains(config, samples, self._state, self.log)
         settings = PosesConfig() if poses is None else poses
-        self._poses = KeptPoses(settings)
+        self._poses = KeptPoses(settings, self.log)
         self._handed_over = 0
-        self._said_joint: bool | None = None
         self._soon = SOON
         self._orders = Orders()
         self._beside = PosesBeside(settings.trajectory, odometry, self._orders.tell)
@@ -98,6 +97,11 @@ class RefineWorker:
         self._thread.start()
 
     # -- the node's side --------------------------------------------------------------------
+
+    @property
+    def status(self) -> WorkerStatus:
+        """How it goes; nothing of what is yet to be forgotten."""
+        return WorkerStatus() if self._orders.forget else self._status
 
     def refine(
         self, scans: Sequence[PlacedScan], stop: StopConfig, kept: Recording | None = None
@@ -145,7 +149,7 @@ class RefineWorker:
         began, patience_s = time.monotonic(), 0.0 if again else LEAVE_S
         while self.running and time.monotonic() - began < JOIN_S:
             self._thread.join(0.05)
-            if self.status.state == 'indexing' and time.monotonic() - began > patience_s:
+            if self._status.state == 'indexing' and time.monotonic() - began > patience_s:
                 if not again:
                     self.log('stopped while the index was being built')
                 return
@@ -182,11 +186,11 @@ class RefineWorker:
         with self._orders.changed:
             self._orders.wait()
             if self._orders.forget:
-                self._orders.forget = False
-                self.status = WorkerStatus()
+                self._status = WorkerStatus()
                 self._chains.forget()
                 self._poses.forget()
                 self._beside.forget()
+                self._orders.forget = False
             return self._orders.take()
 
     def _carry_out(self) -> None:
@@ -201,19 +205,19 @@ class RefineWorker:
             self._failed(str(error))
         except MemoryError:
             self._chains.begin_anew()
-            self.status = self.status._replace(chain_sweeps=0)
+            self._status = self._status._replace(chain_sweeps=0)
             self._failed(f'no memory to sample {len(order.scans)} scans: expected more')
 
     def _failed(self, text: str) -> None:
         self.warn(f'not refined: {text}')
         # The next window may be chosen by what was found of beams.
-        found, status = self._refinement, self.status._replace(stopped='error', error=text)
+        found, status = self._refinement, self._status._replace(stopped='error', error=text)
         status = status._replace(no_return=found.no_return_found, model=found.model_found)
-        self.status = status._replace(state='idle')
+        self._status = status._replace(state='idle')
 
     def _sample(self, order: Order) -> None:
-        self.status = WorkerStatus('indexing', len(order.scans), chain_sweeps=self._chains.sweeps)
-        if self._are_joint(order.scans):
+        self._status = WorkerStatus('indexing', len(order.scans), chain_sweeps=self._chains.sweeps)
+        if self._poses.choose(order.scans, self.config.window.resolution).joint:
             self._beside.want(order.scans)
         self._soon = SOON
         taken = self._take_kept(order, time.monotonic() + order.stop.max_time)
@@ -230,7 +234,7 @@ class RefineWorker:
         """Sample until a limit, for what is left of the time, or until poses want a look."""
         refinement = self._refinement
         assert refinement.sampler is not None
-        self.status = self.status._replace(
+        self._status = self._status._replace(
             state='sampling',
             scans=len(order.scans),
             left_out=order.left_out,
@@ -248,11 +252,11 @@ class RefineWorker:
         next_map_at = time.monotonic()
         for progress in refinement.run(replace(order.stop, max_time=left_s), self._interrupted):
             progress = progress._replace(seconds=time.monotonic() - began)
-            self.status = self.status._replace(
+            self._status = self._status._replace(
                 progress=progress,
                 chain_sweeps=self._chains.sweeps,
                 poses=self._beside.progress,
-                poses_of_map=self._poses_of_map(),
+                poses_of_map=self._poses.said_of_map(self._beside.moves),
             )
             if progress.counted > 0:
                 self._chains.kept.add(refinement.sampler)
@@ -298,7 +302,7 @@ class RefineWorker:
         while (left_s := until - time.monotonic()) > 0.0 and not seen():
             if not (every or beside.moves):
                 break
-            self.status = self.status._replace(state='refining poses', poses=beside.progress)
+            self._status = self._status._replace(state='refining poses', poses=beside.progress)
             with self._orders.changed:
                 self._orders.changed.wait_for(seen, min(LOOK_S, left_s))
         try:
@@ -310,27 +314,13 @@ class RefineWorker:
     def _go_on_at(self, order: Order, found: EstimatedPoses, began: float) -> Order | None:
         """Take scans where they are now; return those taken."""
         self._soon = SHARPER
-        self.status = self.status._replace(state='indexing', poses=self._beside.progress)
+        self._status = self._status._replace(state='indexing', poses=self._beside.progress)
         taken = self._take_kept(order, began + order.stop.max_time)
         if taken is not None:
             self.log(found.said_of(time.monotonic() - began))
             for line in found.said:
                 self.log(line)
         return taken
-
-    def _poses_of_map(self) -> str:
-        if not self._poses.joint:
-            return 'as given'
-        here = 'as given' if self._poses.trajectory is None else 'joint'
-        return f'{here}; joint ones are being estimated' if self._beside.moves else here
-
-    def _are_joint(self, scans: Sequence[PlacedScan]) -> bool:
-        """Return whether poses are estimated; where not, none are left from before."""
-        choice = self._poses.choose(scans, self.config.window.resolution)
-        if choice.why and choice.joint != self._said_joint:
-            self.log(choice.why)
-            self._said_joint = choice.joint
-        return choice.joint
 
     def _take_kept(self, order: Order, until: float) -> Order | None:
         """Take the scans where they lie now, or those of them that an index has room for.
@@ -352,7 +342,7 @@ class RefineWorker:
         if taken is None:
             reason = self._cancel or 'time'
             self.log(f'ended while scans were chosen that an index has room for ({reason})')
-            self.status = self.status._replace(state='idle', stopped=reason)
+            self._status = self._status._replace(state='idle', stopped=reason)
             return None
         left_out = order.left_out + len(scans) - len(taken)
         if len(taken) < len(scans):
@@ -372,8 +362,9 @@ class RefineWorker:
             self.log(f'{progress.said(len(order.scans))} ({reason})')
             if self._poses.joint and self._poses.trajectory is None:
                 self.log('the map lies at the poses given: joint ones were not there yet')
-        status = self.status._replace(poses=self._beside.progress, stopped=reason)
-        self.status = status._replace(state='idle', poses_of_map=self._poses_of_map())
+        status = self._status._replace(poses=self._beside.progress, stopped=reason)
+        lies = self._poses.said_of_map(self._beside.moves)
+        self._status = status._replace(state='idle', poses_of_map=lies)
 
     def _hand_over(self, order: Order, progress: Progress, *, final: bool) -> bool:
         """Hand over the map as it is; return whether it is better than that of before."""

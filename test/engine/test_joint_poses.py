@@ -88,7 +88,9 @@ def test_a_worker_keeps_its_choice():
     worker = RefineWorker(config, PosesConfig('auto'), log=said.append)
     try:
         sigmas = (0.06, 0.04, 0.06, 0.04)
-        assert [worker._are_joint(placed(spread(s, 0.1))) for s in sigmas] == [True] * 4
+        assert [worker._poses.choose(placed(spread(s, 0.1)), CELL).joint for s in sigmas] == [
+            True
+        ] * 4
     finally:
         worker.close()
     assert len(said) == 1

@@ -227,3 +227,29 @@ def test_what_no_return_means_is_said_once(make):
     assert len(shares) == 3
     told = [line.split(',')[0] for line in said if not line.startswith('refined ')]
     assert told == ['no_return auto: ignore']
+
+
+def test_what_is_yet_to_be_forgotten_is_not_told(make, monkeypatch):
+    """An order right after `clear` begins anew, also while the thread is still at the last one."""
+    go_on, held = threading.Event(), threading.Event()
+    run = Refinement.run
+
+    def waits(refinement, *limits):
+        for progress in run(refinement, *limits):
+            yield progress
+            held.set()
+            go_on.wait(20.0)
+
+    monkeypatch.setattr(Refinement, 'run', waits)
+    worker = make()
+    worker.refine(scans(3), ENDLESS)
+    assert held.wait(20.0)
+    assert worker.status.chain_sweeps > 0
+    worker.clear()
+    assert worker.status.chain_sweeps == 0
+    assert worker.status.understood == (None, None)
+    worker.refine(scans(4), StopConfig(max_sweeps=10, r_hat=0.0))
+    assert worker.status.chain_sweeps == 0
+    go_on.set()
+    until(lambda: idle(worker, 'sweeps'))
+    assert worker.status.chain_sweeps == 10
