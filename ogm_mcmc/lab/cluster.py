@@ -134,11 +134,12 @@ class DistantSampler(PosteriorSampler):
     def figures(self) -> dict[str, Any]:
         """Return what was sent, and by worker which chains it has and its memory at the most.
 
-        Bytes of the scans went to each worker once; `told` and `answered` are of chains.
+        Bytes of the scans went to each worker once; `told` and `answered` are of chains. Workers
+        that are gone by now are left out.
         """
         workers = {}
         if isinstance(self._executor, Workers):
-            peaks = self._executor.client.run(peak_mb)
+            peaks = self._executor.asked(peak_mb)
             held = self._executor.held()
             workers = {
                 worker: {'chains': [j + 1 for j in held.get(worker, [])], 'peak_mb': peak}

@@ -75,8 +75,11 @@ class ClusterTiles:
         return _Waiting(self, draw_tile, tile, job, received=self._drawn)
 
     def figures(self) -> dict[str, Any]:
-        """Return what was sent, and by worker which tiles it holds and its memory at the most."""
-        held = self._workers.client.run(peak_mb)
+        """Return what was sent, and by worker which tiles it holds and its memory at the most.
+
+        Workers that are gone by now are left out.
+        """
+        held = self._workers.asked(peak_mb)
         return {
             'parcel_bytes': len(self._parcel),
             **self.traffic._asdict(),
@@ -124,7 +127,7 @@ class ClusterTiles:
         self._shared = self._workers.share(self._parcel)
 
     def _present(self) -> list[str]:
-        there = sorted(self._workers.client.nthreads())
+        there = sorted(self._workers.threads())
         if not there:
             raise ClusterError('no worker is left to hold tiles: expected at least one')
         return there

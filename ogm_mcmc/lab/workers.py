@@ -87,10 +87,22 @@ class Workers(Executor):
         done: Future[Any] = self._pool.submit(fn, *args, **kwargs)
         return done
 
+    def threads(self) -> dict[str, int]:
+        """Return who is there, with how many threads. Raises ClusterError where nobody says."""
+        with _scheduler_there():
+            return dict(self.client.nthreads())
+
+    def asked(self, fn: Any) -> dict[str, Any]:
+        """Return what each worker says that answers: those that are gone by now cost nothing."""
+        try:
+            return dict(self.client.run(fn, on_error='ignore'))
+        except OSError:  # the scheduler is gone, too
+            return {}
+
     def place(self, keys: Sequence[int]) -> set[int]:
         """Ask who is there, and bind every key to a worker; return those with another one now."""
         before = self._holder
-        self._holder = spread(keys, before, self.client.nthreads())
+        self._holder = spread(keys, before, self.threads())
         return {key for key in keys if self._holder.get(key) != before.get(key)}
 
     def again(self, key: int, fn: Any, /, *args: Any) -> Future[Any]:
@@ -123,7 +135,19 @@ class Workers(Executor):
 
     def share(self, data: bytes) -> Any:
         """Send something to every worker, once; return what stands for it in tasks."""
-        return self.client.scatter(data, broadcast=True, hash=False)
+        with _scheduler_there():
+            return self.client.scatter(data, broadcast=True, hash=False)
+
+
+@contextmanager
+def _scheduler_there() -> Iterator[None]:
+    """Raise ClusterError where a scheduler is gone, or has no workers to give something to."""
+    try:
+        yield
+    except OSError as error:
+        raise ClusterError(
+            f'the cluster is lost ({error}); expected scheduler and workers to run until the end'
+        ) from error
 
 
 def _check_address(address: str) -> None:
@@ -175,7 +199,8 @@ def _check_workers(client: Any, address: str) -> None:
     except TimeoutError as error:
         raise ClusterError(f'scheduler {address}: no workers; expected at least one') from error
     try:
-        versions = set(client.run(_version).values())
+        with _scheduler_there():
+            versions = set(client.run(_version).values())
     except ImportError as error:
         raise ClusterError(
             f'scheduler {address}: a worker lacks {error.name}: expected ogm_mcmc on all'

@@ -114,3 +114,29 @@ def test_who_is_there_is_asked_once_a_round():
     workers.place(range(2))
     workers.again(0, abs)
     assert there.given[-1] is None
+
+
+class GoneScheduler:
+    """Stands for a client whose scheduler, or all workers, went away."""
+
+    def nthreads(self):
+        raise OSError('Timed out')
+
+    def run(self, fn, *, on_error):
+        raise OSError('Timed out')
+
+    def scatter(self, data, *, broadcast, hash):
+        raise TimeoutError('No valid workers found')
+
+    def get_executor(self, **_):
+        return None
+
+
+def test_a_cluster_that_goes_away_is_one_line_and_takes_no_figures_along():
+    workers = Workers(GoneScheduler())
+    for ask in (lambda: workers.place([0]), lambda: workers.share(b'scans')):
+        with pytest.raises(
+            ClusterError, match=r'^the cluster is lost \((Timed|No valid).*expected'
+        ):
+            ask()
+    assert workers.asked(abs) == {}
