@@ -152,6 +152,7 @@ def run(options: argparse.Namespace) -> int:
     alignment_of(options)
     if options.points and options.bag is None:
         raise ConfigError('--points: expected --beams BAG, whose beams they lie on')
+    _refuse_unused(options)
     config = build(EvaluationConfig, given(options, EvaluationConfig))
     checked_name(options.name)
     require_matplotlib()
@@ -189,6 +190,18 @@ def run(options: argparse.Namespace) -> int:
     lines = [f'{name:<28} {value}' for name, value in rows]
     print_result(options, result, '\n'.join([*lines, str(paths['html'])]))
     return 0
+
+
+def _refuse_unused(options: argparse.Namespace) -> None:
+    """Refuse settings of a judge that is not asked."""
+    for config, asked, judge in (
+        (HeldOutPointsConfig, options.points or None, '--points'),
+        (HeldOutConfig, options.bag, '--beams BAG'),
+        (ExpectedScanConfig, options.pose, '--pose X,Y,YAW'),
+        (CollisionConfig, options.path, '--path FILE'),
+    ):
+        for name in given(options, config) if asked is None else ():
+            raise ConfigError(f'--{name.replace("_", "-")}: expected {judge} with it')
 
 
 def _check_samples(options: argparse.Namespace) -> None:

@@ -213,3 +213,18 @@ def test_points_want_beams(run_cli, maps):
     done = run_cli('evaluate', 'map.npz', '--truth', 'truth.yaml', '--points')
     assert done.returncode == 2
     assert done.stderr.strip().endswith('--points: expected --beams BAG, whose beams they lie on')
+
+
+@pytest.mark.parametrize(
+    ('option', 'value', 'judge'),
+    [
+        ('--point-step', '0.1', '--points'),
+        ('--beams-stride', '2', '--beams BAG'),
+        ('--lidar-beams', '9', '--pose X,Y,YAW'),
+        ('--robot-radius', '0.2', '--path FILE'),
+    ],
+)
+def test_settings_of_a_judge_that_is_not_asked_are_refused(run_cli, maps, option, value, judge):
+    done = run_cli('evaluate', 'map.npz', '--truth', 'truth.yaml', option, value)
+    assert done.returncode == 2
+    assert done.stderr.strip().endswith(f'{option}: expected {judge} with it')
