@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from ogm_mcmc.engine import range_pairs
 from ogm_mcmc.engine.range_pairs import IN_CELL, narrower, spread_of_pairs
 from ogm_mcmc.engine.range_pairs import _distances as distances
 from ogm_mcmc.engine.range_spread import Spread
@@ -75,7 +76,7 @@ def test_distances_are_those_of_a_plain_loop():
             expected.append(nearest[1])
     assert len(expected) > 30
     np.testing.assert_allclose(
-        np.sort(distances(scans, CELL, 0.0)), np.sort(expected), rtol=0.0, atol=1e-4
+        np.sort(distances(scans, CELL, 0.0, 8.0)), np.sort(expected), rtol=0.0, atol=1e-4
     )
 
 
@@ -89,6 +90,24 @@ def test_noise_and_poses_are_found_whatever_the_number_of_beams(beams, noise_m, 
     assert found.low_95 < found.mean < found.high_95
     # What poses err by across a wall is more along a beam that meets it at an angle.
     assert 0.85 * expected < found.mean < 1.3 * expected
+
+
+def test_noise_wider_than_pairs_are_looked_for_is_not_called_narrower():
+    """Pairs are within 0.4 m: of these of a wide Gaussian four in five are nearer."""
+    for noise_m in (0.15, 0.2, 0.3):
+        found = spread_of_pairs(wall_seen(np.random.default_rng(2), 80, 90, noise_m), CELL)
+        assert found.high_95 > noise_m
+        assert 0.95 * noise_m < found.mean < 1.4 * noise_m
+
+
+def test_of_many_scans_those_of_two_sensors_count(monkeypatch):
+    """Scans of sensors that take turns: every second one would be of the first sensor alone."""
+    one, other = (wall_seen(np.random.default_rng(6), 60, 40, noise) for noise in (0.01, 0.1))
+    both = [scan for pair in zip(one, other, strict=True) for scan in pair]
+    monkeypatch.setattr(range_pairs, 'MOST_READINGS', 60 * 40)
+    found = spread_of_pairs(both, CELL).mean
+    assert spread_of_pairs(one, CELL).mean < 0.03 < 0.05 < found
+    assert found < 0.9 * spread_of_pairs(other, CELL).mean
 
 
 def test_few_pairs_are_held_at_the_default():
