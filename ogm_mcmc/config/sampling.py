@@ -330,6 +330,11 @@ class SamplerConfig:
     chain: ChainConfig = ChainConfig()
     patch: PatchConfig = PatchConfig()
 
+    @property
+    def chains_of_cells(self) -> int:
+        """How many chains draw single cells, however many rays there are; 0 with patches."""
+        return self.chains_for(0) if self.patch.single_cells else 0
+
     def chains_for(self, n_rays: int) -> int:
         """Return how many chains sample so many rays.
 

@@ -88,8 +88,8 @@ def patch_prior(config: SamplerConfig) -> PatchPrior:
 
 def window_of(config: SamplerConfig) -> RayWindow:
     """Return a window without rays, as the posterior of these settings needs it."""
-    margin, zones = config.patch.window_margin, config.patch.single_cells
-    return RayWindow(config.window, config.model, margin=margin, merge=True, zones=zones)
+    margin, chains = config.patch.window_margin, config.chains_of_cells
+    return RayWindow(config.window, config.model, margin=margin, merge=True, chains=chains)
 
 
 def size_of(window: RayWindow, model: PosteriorModel | None) -> IndexSize:

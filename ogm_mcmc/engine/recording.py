@@ -365,9 +365,8 @@ class Recording:
 
 def _measuring(sampler: SamplerConfig, no_return: str) -> RayWindow:
     """Return a window that tells how much memory scans need."""
-    window, patch = replace(sampler.window, no_return=no_return), sampler.patch
-    margin, zones = patch.window_margin, patch.single_cells
-    return RayWindow(window, sampler.model, margin=margin, zones=zones)
+    window, chains = replace(sampler.window, no_return=no_return), sampler.chains_of_cells
+    return RayWindow(window, sampler.model, margin=sampler.patch.window_margin, chains=chains)
 
 
 def _box_around(scans: Iterable[_Kept]) -> CellBox:

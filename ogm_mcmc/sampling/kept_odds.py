@@ -64,7 +64,7 @@ SLIP 3 to 5 (all within 3 %). Not tried: finding cells to look at with vector in
 going through them alone (a flip changes who is to be looked at, each 32 cells one does), which
 could save up to .5 ms; telling cells in front only when a ray leaves a band of likelihoods.
 Kept are 8 bytes a cell and 32 a ray and chain, 8 a place of a ray and 24 a ray, for models that
-are level nowhere only.
+are level nowhere only; of that `max_memory_mb` counts what is of rays.
 """
 
 from __future__ import annotations
@@ -84,6 +84,7 @@ from ogm_mcmc.sampling.ray_path_kernels import find_paths
 __all__ = [
     'NOT_KEPT',
     'PATH_BYTES',
+    'WAY_BYTES',
     'ZONE_BYTES',
     'KeptOdds',
     'Zones',
@@ -95,6 +96,9 @@ __all__ = [
 
 ZONE_BYTES, PATH_BYTES = 24, 8
 """Memory of `Zones`: for each ray, and for each place of one."""
+
+WAY_BYTES = 32
+"""Memory of `KeptOdds.ways`: for each ray, of each chain."""
 
 
 class KeptOdds(NamedTuple):

@@ -19,7 +19,7 @@ from ogm_mcmc.sampling.beam_rays import (
     most_near_cells,
     rays_of_scan,
 )
-from ogm_mcmc.sampling.kept_odds import PATH_BYTES, ZONE_BYTES
+from ogm_mcmc.sampling.kept_odds import PATH_BYTES, WAY_BYTES, ZONE_BYTES
 from ogm_mcmc.sampling.ray_batch import Batch, in_blocks
 from ogm_mcmc.sampling.ray_dropping import without
 from ogm_mcmc.sampling.ray_filing import Said, extended
@@ -59,8 +59,8 @@ class RayWindow:
     also those of a robot that stands and jitters, see `ray_stands`; without it each beam is a ray,
     in the order of scans and beams.
 
-    With `zones` what `kept_odds` needs of memory beside the index counts, too: of a window of
-    which single cells are drawn.
+    `chains`: of a window of which so many chains draw single cells; what `kept_odds` needs of
+    memory for the rays, beside the index, counts for them, too.
     """
 
     def __init__(
@@ -71,7 +71,7 @@ class RayWindow:
         margin: int = 0,
         limits: CellBox | None = None,
         merge: bool = False,
-        zones: bool = False,
+        chains: int = 0,
     ) -> None:
         self.config = config
         self.margin = margin  # cells beyond all rays that belong to the window, too
@@ -83,7 +83,7 @@ class RayWindow:
         self.n_beams = 0  # of all rays
         self._size = NOTHING
         self._merge = merge
-        self._zones = zones
+        self._chains = chains
         self._places: Places = {}
         self._stands: Stands = {}
         self._scans = WindowScans()
@@ -215,7 +215,9 @@ class RayWindow:
         near = np.minimum(cells, most_near_cells(rays, self.model, self.config.resolution))
         box = self._box_around(rays)
         n_rays, pairs = rays.length.size, int(cells.sum())
-        zones = ZONE_BYTES * n_rays + PATH_BYTES * pairs if self._zones else 0
+        zones = 0
+        if self._chains:
+            zones = (ZONE_BYTES + self._chains * WAY_BYTES) * n_rays + PATH_BYTES * pairs
         return WindowSize(n_rays, pairs, box, int(near.sum()), zones)
 
     def _box_around(self, rays: BeamRays) -> CellBox:

@@ -18,7 +18,8 @@ __all__ = ['NOTHING', 'Leaving', 'WindowScans', 'WindowSize']
 class WindowSize(NamedTuple):
     """Rays, the most pairs of a ray and a cell, a box around all cells, pairs that are near.
 
-    zones  bytes of what is kept beside the index where all pairs are near: see `kept_odds`
+    zones  bytes of what is kept of rays beside the index, and by chains, where all pairs are near:
+           see `kept_odds`
     """
 
     rays: int

@@ -257,7 +257,7 @@ class JointPosterior:
 
     def sweep_map(self, rng: Generator, state: JointState, sweeps: int) -> JointState:
         """Draw the map so many times, given the poses."""
-        rays = RayWindow(self.window, self.model_at(state.shares), zones=True)
+        rays = RayWindow(self.window, self.model_at(state.shares), chains=1)
         rays.add(map(PlacedScan.at, self.scans, poses_of(state.poses)))
         model = CellModel(rays.index, self.chain.prior_log_odds, rays.spec.width, self.chain.order)
         part = model.start(self._part(state.cells, rays.spec))

@@ -108,7 +108,7 @@ def test_likelihoods_beside_the_index_are_counted_where_cells_are_drawn_one_by_o
         size = recording.size
         zones.append(size.n_bytes - size._replace(zones=0).n_bytes)
         sizes.append(size)
-    assert zones == [24 * sizes[0].rays + 8 * sizes[0].pairs, 0, 0]
+    assert zones == [(24 + 2 * 32) * sizes[0].rays + 8 * sizes[0].pairs, 0, 0]
     assert sizes[0].pairs > 0
 
 

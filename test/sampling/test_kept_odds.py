@@ -12,6 +12,8 @@ from support.strategies import REPEATABLE, fan
 from support.tiny_problems import tiny_problems
 
 from ogm_mcmc.config import ForwardModelConfig, WindowConfig
+from ogm_mcmc.engine.posterior import Grown
+from ogm_mcmc.engine.warp import laid_on
 from ogm_mcmc.errors import WindowError
 from ogm_mcmc.geometry import PlacedScan, Pose2D
 from ogm_mcmc.sampling import CellModel, RayWindow
@@ -32,8 +34,8 @@ from ogm_mcmc.sampling.ray_index_kernels import NOTHING, WIDTH
 from ogm_mcmc.sampling.ray_path_kernels import CELL, ENDS, FAR, OFFSET, SLIP
 
 
-def assert_same_draws(model, start, seed, sweeps):
-    ours, plain = model.start(start), model.start(start)
+def assert_same_draws(model, start, seed, sweeps, before=None):
+    ours, plain = model.start(start, before), model.start(start)
     rngs = [np.random.default_rng(seed) for _ in range(2)]
     for _ in range(sweeps):
         flips = model.advance(rngs[0], ours)
@@ -80,6 +82,37 @@ def test_draws_of_a_room_from_any_start(sigma_m, wrong, share):
     model = room(sigma_m, wrong)
     start = (np.random.default_rng(1).random(model.n_cells) < share).astype(np.uint8)
     assert_same_draws(model, start, 2, 12)
+
+
+def test_draws_of_a_window_that_grew_and_shrank():
+    """What is kept begins anew on the rays that stayed and those that came."""
+    bearings = np.linspace(-math.pi, math.pi, 40, endpoint=False)
+    ranges = np.random.default_rng(8).uniform(1.0, 5.0, (6, bearings.size))
+    scans = [
+        PlacedScan.at(
+            fan(*each, bearing=bearings[0], increment=bearings[1] - bearings[0]),
+            Pose2D(0.7 * i - 2.0, 0.3 * i, 0.1 * i),
+        )
+        for i, each in enumerate(ranges)
+    ]
+    window = RayWindow(
+        WindowConfig(resolution=0.2),
+        ForwardModelConfig(kind='gaussian', sigma=0.3),
+        merge=True,
+    )
+    window.add(scans[:4])
+    rng, sizes = np.random.default_rng(9), [window.index.n_rays]
+    for gone, come in (([], scans[4:5]), (scans[:2], []), (scans[2:3], scans[5:])):
+        model = CellModel(window.index, -1.7, window.spec.width)
+        state, spec = model.start(np.zeros(model.n_cells, np.uint8)), window.spec
+        assert sum(model.advance(rng, state) for _ in range(3)) > 10
+        dropped = window.drop(gone) if gone else None
+        window.add([*(dropped.again if dropped else ()), *come])
+        [before] = Grown(model, [state], spec, dropped).hits(window)
+        start = laid_on(state.cells, spec, window.spec, 0)
+        sizes.append(window.index.n_rays)
+        assert_same_draws(CellModel(window.index, -1.7, window.spec.width), start, 10, 4, before)
+    assert sizes[0] < sizes[1] > sizes[2] == sizes[3]
 
 
 def test_nothing_told_of_what_lies_behind_first_hits_is_left_to_grow_old():
@@ -208,18 +241,21 @@ def test_memory_of_zones_is_counted_where_they_are_kept():
     scans = [PlacedScan.at(fan(*[9.0] * 60, increment=0.1), Pose2D(x, 0.1)) for x in (0.0, 0.4)]
     given = ForwardModelConfig(kind='gaussian', sigma=0.4)
     config = WindowConfig(resolution=0.02)
-    window, without = (RayWindow(config, given, zones=zones) for zones in (True, False))
+    window, without = (RayWindow(config, given, chains=chains) for chains in (2, 0))
     window.add(scans)
     size, less = (one.sum_of_sizes(scans) for one in (window, without))
     zones = zones_of(window.index)
     assert zones.n_bytes == sum(array.nbytes for array in zones) > 0.3 * window.index.near.nbytes
     assert zones.n_bytes <= size.n_bytes - less.n_bytes <= 1.5 * zones.n_bytes
     assert window.index.n_bytes + zones.n_bytes <= size.n_bytes
+    ways = odds_to_keep(window.index, zones).ways.nbytes
+    one = RayWindow(config, given, chains=1).sum_of_sizes(scans)
+    assert size.n_bytes - one.n_bytes == ways > 0
     scarce = replace(config, max_memory_mb=0.5e-6 * (size.n_bytes + less.n_bytes))
     RayWindow(scarce, given).add(scans)
     with pytest.raises(WindowError, match='expected at most max_memory_mb'):
-        RayWindow(scarce, given, zones=True).add(scans)
-    level = RayWindow(config, ForwardModelConfig(), zones=True).sum_of_sizes(scans)
+        RayWindow(scarce, given, chains=2).add(scans)
+    level = RayWindow(config, ForwardModelConfig(), chains=2).sum_of_sizes(scans)
     assert level.n_bytes == RayWindow(config, ForwardModelConfig()).sum_of_sizes(scans).n_bytes
 
 
