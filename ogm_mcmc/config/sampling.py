@@ -175,7 +175,7 @@ class ChainConfig:
         'weight, in the probability of a cell, of the share of beams that it reflected of those '
         'that reached it; the maps that were drawn have the rest: cells are taken for free or '
         'solid, and edges, glass and legs are neither. A cell in which a beam ended is lowered '
-        'only where sigma is above half a cell, with all of the weight from 0.85 of one on. Where '
+        'only where sigma is above half a cell, with all of the weight from 0.7 of one on. Where '
         'beams that graze tell that walls are whole cells (model.grazing, found) it weighs '
         'only as far as the maps that were drawn differ',
         low=0.0,

@@ -152,7 +152,7 @@ def test_grazing_below_zero_is_found_where_readings_are_of_their_cells_and_a_num
     assert model.grazing == numbers.grazing.used == numbers.grazing.found.mean > 0.0
     assert numbers.sigma is None
     assert 'grazing 0.0' in str(numbers)
-    between = SamplerConfig(NodeModelConfig(sigma=0.0675), window, given)
+    between = SamplerConfig(NodeModelConfig(sigma=0.06), window, given)
     model, half = fit_sensor(scans, between)
     assert half.grazing.found == numbers.grazing.found
     assert model.grazing == half.grazing.used == pytest.approx(0.5 * half.grazing.found.mean)

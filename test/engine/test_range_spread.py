@@ -144,7 +144,7 @@ def test_a_wide_sigma_makes_readings_further_off_confirm_each_other():
 
 
 def test_readings_are_of_their_own_cell_up_to_half_a_cell():
-    found = [blur_of(cells * 0.1, 0.1) for cells in (0.1, 0.5, 0.675, 0.85, 3.0)]
+    found = [blur_of(cells * 0.1, 0.1) for cells in (0.1, 0.5, 0.6, 0.7, 3.0)]
     assert found == pytest.approx([0.0, 0.0, 0.5, 1.0, 1.0])
     share, beams = (lattice_map([[value, math.nan]]) for value in (0.5, 15.0))
     some = Reflections(share, beams)
