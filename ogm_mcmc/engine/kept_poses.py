@@ -18,7 +18,12 @@ from ogm_mcmc.engine.joint_poses import PosesChoice, RefinedTrajectory, choose_j
 from ogm_mcmc.geometry import PlacedScan, Pose2D
 from ogm_mcmc.trajectory.points import wrapped, xyyaw
 
-__all__ = ['EstimatedPoses', 'KeptPoses']
+__all__ = ['WAITS', 'EstimatedPoses', 'KeptPoses']
+
+WAITS = (
+    'poses as given while a trajectory moves recorded scans: joint ones are estimated when it has '
+    'moved none for a while, or with the next ~/refine after that'
+)
 
 
 class EstimatedPoses(NamedTuple):
@@ -61,17 +66,21 @@ class KeptPoses:
         self.config = config
         self._log = log
         self._said: bool | None = None
+        self._waits = False  # joint poses, until those given are settled
         self.joint: bool | None = None  # as chosen last
         self.trajectory: RefinedTrajectory | None = None
         # By belief: a scan that was read anew, with the belief it had, is where it was.
         self._held: dict[int, _Held] = {}
         self._corrections: list[tuple[int, Pose2D]] = []  # by stamp, ns: map as given to map now
 
-    def choose(self, scans: Sequence[PlacedScan], resolution_m: float) -> PosesChoice:
+    def choose(
+        self, scans: Sequence[PlacedScan], resolution_m: float, settled: bool = True
+    ) -> PosesChoice:
         """Decide whether poses of scans are estimated: as before, unless that is clearly wrong.
 
         Where they are not, no poses of before are left; where they are, those of these scans.
-        Why is logged, where that is another choice than was said last.
+        Why is logged, where that is another choice than was said last; so is that joint poses
+        have to wait, where those given are not `settled`.
         """
         choice = choose_joint(scans, self.config, resolution_m, self.joint)
         if not choice.joint:
@@ -82,12 +91,18 @@ class KeptPoses:
             self._log(choice.why)
             self._said = choice.joint
         self.joint = choice.joint
+        waits = choice.joint and not settled
+        if waits and not self._waits:
+            self._log(WAITS)
+        self._waits = waits
         return choice
 
     def said_of_map(self, moves: bool) -> str:
         """Return at which poses maps are; `moves`: others are being estimated."""
         here = 'as given' if not self.joint or self.trajectory is None else 'joint'
-        return f'{here}; joint ones are being estimated' if self.joint and moves else here
+        if self.joint and moves:
+            return f'{here}; joint ones are being estimated'
+        return f'{here}; joint ones wait until no scan is moved' if self._waits else here
 
     def keep(self, found: EstimatedPoses) -> None:
         """Hold these poses, and none of before; scans that lie as before stay the same objects."""

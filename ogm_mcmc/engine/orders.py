@@ -17,12 +17,14 @@ class Order(NamedTuple):
     """Scans to sample, and when to stop; what chooses among them where there is no room.
 
     left_out  how many were chosen to go, of those that were asked for
+    settled  False: their poses are being corrected, and are not to be estimated meanwhile
     """
 
     scans: Sequence[PlacedScan]
     stop: StopConfig
     kept: Recording | None = None
     left_out: int = 0
+    settled: bool = True
 
 
 class Orders:

@@ -104,14 +104,20 @@ class RefineWorker:
         return WorkerStatus() if self._orders.forget else self._status
 
     def refine(
-        self, scans: Sequence[PlacedScan], stop: StopConfig, kept: Recording | None = None
+        self,
+        scans: Sequence[PlacedScan],
+        stop: StopConfig,
+        kept: Recording | None = None,
+        *,
+        settled: bool = True,
     ) -> bool:
         """Sample these scans; return whether something else is stopped for it.
 
         Of their recording, `kept`, a copy lets scans go where an index of all has no room.
+        Where poses are not `settled` none are estimated.
         """
         copy = None if kept is None else kept.copy()
-        return self._orders.leave(Order(scans, stop, copy), 'refined again')
+        return self._orders.leave(Order(scans, stop, copy, settled=settled), 'refined again')
 
     def stop(self) -> bool:
         """End sampling, with a last map; return whether there was any."""
@@ -217,7 +223,8 @@ class RefineWorker:
 
     def _sample(self, order: Order) -> None:
         self._status = WorkerStatus('indexing', len(order.scans), chain_sweeps=self._chains.sweeps)
-        if self._poses.choose(order.scans, self.config.window.resolution).joint:
+        cell_m = self.config.window.resolution
+        if self._poses.choose(order.scans, cell_m, order.settled).joint and order.settled:
             self._beside.want(order.scans)
         self._soon = SOON
         taken = self._take_kept(order, time.monotonic() + order.stop.max_time)

@@ -28,6 +28,7 @@ from ogm_mcmc.config.nodes import (
     RefineServerConfig,
     refine_settings_agree,
 )
+from ogm_mcmc.engine.correction_rhythm import CorrectionRhythm
 from ogm_mcmc.engine.corrections import Corrected, Corrector, Nodes
 from ogm_mcmc.engine.recording import Recording
 from ogm_mcmc.engine.refined_map import RefinedMap
@@ -63,9 +64,6 @@ __all__ = ['RefineServer', 'main']
 HOUSEKEEPING_S = 0.1
 FLUSH_S = 1.0
 
-# A system may tell a corrected trajectory every second, and each takes an index of its own.
-CORRECTING_S = 10.0
-
 
 class RefineServer(ManagedNode):
     """Subscribes and records; a `RefineWorker` samples; what it hands over is published here."""
@@ -94,8 +92,7 @@ class RefineServer(ManagedNode):
         )
         check_installed(self.intake.settings.trajectory_source)
         self.corrector = Corrector()
-        self._outdated = False  # scans in the window moved since sampling began
-        self._corrected_at = -CORRECTING_S
+        self.rhythm = CorrectionRhythm()
         self.corrected: TrajectoryIntake | None = None
         self.collisions: CollisionAnswers | None = None
         self.odometry = OdometryIntake(self, self.intake, self.poses)
@@ -147,7 +144,7 @@ class RefineServer(ManagedNode):
     def end(self) -> None:
         """End sampling; the recording and the last map stay."""
         self.worker.stop()
-        self._outdated = False
+        self.rhythm.end()
         self.intake.clear()
 
     def tear_down(self) -> None:
@@ -188,21 +185,22 @@ class RefineServer(ManagedNode):
         corrected = self.corrector.applied(scans, nodes, self.sampler.window.resolution)
         if corrected.moved:
             self.recording.replace(corrected.scans)
-            self._outdated = self.worker.wanted
+            self.rhythm.moved(time.monotonic(), sampling=self.worker.wanted)
             self.sample_corrected()
         return corrected
 
     def sample_corrected(self) -> None:
         """Go on with corrected scans, not more often than leaves time to sample."""
         now = time.monotonic()
-        if not self._outdated or now - self._corrected_at < CORRECTING_S:
-            return
-        self._outdated = False
         left = self._until - now
-        if self.worker.wanted and left > 0.0:
-            self._corrected_at = now
-            stop = replace(self._sampled_until, max_time=left)
-            self.worker.refine(self.scans_now(), stop, self.recording)
+        if self.rhythm.due(now) and self.worker.wanted and left > 0.0:
+            self.rhythm.goes_on(now)
+            self._order(self.scans_now(), replace(self._sampled_until, max_time=left))
+
+    def _order(self, scans: list[PlacedScan], stop: StopConfig) -> bool:
+        """Have scans sampled; return whether something else is stopped for it."""
+        settled = self.rhythm.ordered(time.monotonic())
+        return self.worker.refine(scans, stop, self.recording, settled=settled)
 
     def scans_now(self) -> list[PlacedScan]:
         """Return the recorded scans, without codes that were found since they came."""
@@ -286,8 +284,8 @@ class RefineServer(ManagedNode):
         scans = len(self.recording)
         if scans == 0:
             return nothing_recorded(len(self.intake.placer), self.intake.problems.all().total())
-        size, most = self.recording.size, self.sampler.window.max_memory_mb
-        return size_refusal(scans, size.rays, size.n_bytes, most)
+        size = self.recording.size
+        return size_refusal(scans, size.rays, size.n_bytes, self.sampler.window.max_memory_mb)
 
     def _sample(self) -> str:
         """Order the recorded scans to be sampled; return what is said of it."""
@@ -301,15 +299,16 @@ class RefineServer(ManagedNode):
             status.chain_sweeps,
             bool(self.settings.state_file),
         )
-        self._sampled_until, self._outdated = self.stop, False
+        self._sampled_until = self.stop
         self._until = time.monotonic() + self.stop.max_time
-        replaced = self.worker.refine(scans, self.stop, self.recording)
+        replaced = self._order(scans, self.stop)
         text += ', instead of those before' if replaced else ''
         return text + (f'; the last one {last}' if last else '')
 
     def on_stop(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """End sampling; the last map is published as soon as the sweep is over."""
-        stopped, self._outdated = self.worker.stop(), False
+        stopped = self.worker.stop()
+        self.rhythm.end()
         response.success = True
         response.message = 'stopping' if stopped else 'was not sampling'
         return response
@@ -319,7 +318,7 @@ class RefineServer(ManagedNode):
         forgotten = len(self.recording)
         self.intake.clear(forgotten + self.recording.let_go.total())
         self.worker.clear()
-        self._outdated = False
+        self.rhythm.clear()
         self.recording.clear()
         self.corrector.clear()
         self.odometry.clear()

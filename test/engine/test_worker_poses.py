@@ -11,6 +11,7 @@ from support.workers import CONFIG, ENDLESS, idle, until
 from ogm_mcmc.config import PosesConfig, StopConfig, TrajectoryConfig
 from ogm_mcmc.config.nodes import NodeModelConfig
 from ogm_mcmc.engine.joint_poses import PoseRefinement
+from ogm_mcmc.engine.kept_poses import WAITS
 from ogm_mcmc.engine.poses_beside import PosesBeside
 from ogm_mcmc.engine.refinement import Refinement
 from ogm_mcmc.engine.sensor_fit import fit_sensor
@@ -231,6 +232,21 @@ def test_a_correction_is_shown_and_poses_are_estimated_from_there(make, gate, wh
     gate.opened.set()
     until(lambda: idle(worker, 'sweeps') and worker.result.final)
     assert poses_in(worker.result) == alone(moved).estimator.trajectory()
+
+
+def test_poses_that_are_being_corrected_are_not_estimated_until_they_are_settled(make, gate):
+    said, (_, placed) = [], noisy_drive()
+    gate.opened.set()
+    worker = make(poses=JOINT, log=said.append)
+    for _ in range(2):
+        worker.refine(placed, ENDLESS, settled=False)
+        until(lambda: worker.status.progress and worker.status.progress.counted > 40)  # no rest
+    assert gate.begun == []
+    assert worker.status.poses_of_map == 'as given; joint ones wait until no scan is moved'
+    assert [line.split(':')[0] for line in said] == [WAITS.split(':')[0]]
+    worker.refine(placed, LIMITS)
+    until(lambda: idle(worker, 'sweeps'))
+    assert worker.result.trajectory is not None
 
 
 def test_time_for_poses_is_part_of_the_time(make, gate):
