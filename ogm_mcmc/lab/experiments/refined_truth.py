@@ -79,8 +79,10 @@ def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
     names, strides = [*BUILDINGS, OFFICE, *images()], STRIDES
     if quick:
         names, strides = [BUILDINGS[-1]], (STRIDES[0],)
-    for name in images().keys() & names:
-        image_of(name)  # what is missing is said before the work
+    # What is missing is said before the work.
+    shown = {
+        name: digest_of(image_of(name).states.tobytes()) for name in images() if name in names
+    }
     parts = run_all(
         folder / 'datasets',
         score,
@@ -94,6 +96,7 @@ def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
             'sampler': flatten(RefineSamplerConfig()),
             'stop': [MOST_SWEEPS, asdict(StopConfig())],
             'prior': digest_of(default_prior_file().read_bytes()),
+            'images': shown,
             'worlds': [BUILDING_SEED, CELL_M, ROBOT_RADIUS_M, asdict(LIDAR)],
             'judge': [str(JUDGE), JUDGING_STEP, UNKNOWN],
         },

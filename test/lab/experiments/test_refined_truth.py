@@ -142,3 +142,20 @@ def test_an_image_that_is_missing_is_one_line(three_images):
 def test_shipped_images_are_those_of_the_table():
     assert len(true_worlds.images()) == 12
     assert true_worlds.images()['home_ex3'].resolution_m == 0.02
+
+
+def test_parts_are_kept_by_what_images_show(three_images, monkeypatch):
+    found = []
+
+    def asked(*_, depends_on, **__):
+        found.append(depends_on['images'])
+        raise RuntimeError
+
+    monkeypatch.setattr(refined_truth, 'images', true_worlds.images)
+    monkeypatch.setattr(refined_truth, 'run_all', asked)
+    for name in ('two', 'one'):
+        image = (three_images / 'maps' / f'{name}.png').read_bytes()
+        (three_images / 'maps' / 'two.png').write_bytes(image)
+        with pytest.raises(RuntimeError):
+            refined_truth.run(three_images / 'out', quick=False, seed=1)
+    assert found[0]['one'] == found[1]['one'] == found[1]['two'] != found[0]['two']
