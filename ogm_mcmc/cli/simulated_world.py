@@ -51,6 +51,9 @@ USES = {
     'truth_resolution': _of_cells(0.0),
 }
 
+# A cell of a truth is no smaller.
+LEAST_M = 1e-4
+
 RANGES = {
     'world_seed': Range(0),
     'resolution': Range(0.002, 10, 'm'),
@@ -109,9 +112,12 @@ def check_world_options(options: argparse.Namespace) -> None:
         raise ConfigError('--particles: expected with --localize')
     if options.turn is not None and (options.localize or options.drive):
         raise ConfigError('--turn: expected without --localize and --drive')
-    if options.truth_resolution is not None and options.turn is None:
+    if options.truth_resolution is not None and not options.turn:
         raise ConfigError('--truth-resolution: expected with --turn')
     check_options(options, RANGES)
+    if options.truth_resolution and options.truth_resolution < LEAST_M:
+        expected = f'expected 0, or {LEAST_M:g} to {RANGES["truth_resolution"].high:g} m'
+        raise refused('truth_resolution', options.truth_resolution, expected)
     for name, use in USES.items():
         if getattr(options, name) is None:
             setattr(options, name, use.default)

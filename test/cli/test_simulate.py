@@ -209,6 +209,14 @@ def test_believed_poses(tmp_path, capsys):
         (['building-9', '--turn', '9', '--localize'], '--turn: expected without --localize and'),
         (['building-9', '--truth-resolution', '0.1'], '--truth-resolution: expected with --turn'),
         (
+            ['building-9', '--turn', '0', '--truth-resolution', '0.1'],
+            '--truth-resolution: expected with --turn',
+        ),
+        (
+            ['building-9', '--turn', '9', '--truth-resolution', '1e-320'],
+            'expected 0, or 0.0001 to 10 m',
+        ),
+        (
             ['building-9', '--turn', '9', '--truth-resolution', '1e-3'],
             'the turned truth of building-9 would have 57',
         ),
