@@ -95,7 +95,7 @@ def test_noise_and_poses_are_found_whatever_the_number_of_beams(beams, noise_m, 
 def test_noise_wider_than_pairs_are_looked_for_is_not_called_narrower():
     """Pairs are within 0.4 m: of these of a wide Gaussian four in five are nearer."""
     for noise_m in (0.15, 0.2, 0.3):
-        found = spread_of_pairs(wall_seen(np.random.default_rng(2), 80, 90, noise_m), CELL)
+        found = spread_of_pairs(wall_seen(np.random.default_rng(2), 80, 40, noise_m), CELL)
         assert found.high_95 > noise_m
         assert 0.95 * noise_m < found.mean < 1.4 * noise_m
 
