@@ -104,7 +104,7 @@ def blur_of(sigma_m: float, resolution_m: float) -> float:
     lost 0.0084 and 0.0093 of 1.325 nats (two seeds) by pairs and 0.85, and +0.0012 and -0.0004
     with 0.7. Where no wall follows the lattice, sigma 0.54 to 0.81 of a cell, figures of the same
     draws are the same with both to 0.0002 or less (F1, Brier score, calibration error of
-    seven such maps); nats of `uma_236_237` by 7 degrees rise by 0.003. The
+    six such maps); nats of `uma_236_237` by 7 degrees rise by 0.003. The
     office has 0.45 and 0.50 of a cell, and nothing changes.
     """
     cells = sigma_m / resolution_m
