@@ -14,10 +14,12 @@ from ogm_mcmc.cli.options import stream_choice
 from ogm_mcmc.config import MapperConfig, PlacingConfig
 from ogm_mcmc.engine.bag_scans import PlacedScans, StreamTopics, open_scans
 from ogm_mcmc.engine.odometry import OdometryAt
+from ogm_mcmc.engine.recording import Recording
+from ogm_mcmc.errors import GridError
 from ogm_mcmc.files.saying import say
 from ogm_mcmc.geometry import PlacedScan
 
-__all__ = ['BagScans', 'placed_scans', 'read_bag']
+__all__ = ['BagScans', 'placed_scans', 'read_bag', 'record']
 
 
 class BagScans(NamedTuple):
@@ -77,3 +79,21 @@ def read_bag(
         wheels = scans.odometry() if odometry else None
     dropped = dict(scans.placer.dropped)
     return BagScans(placed, scans.topics, dropped, wheels, scans.odometry_name)
+
+
+def record(bag: BagScans, recording: Recording) -> None:
+    """Record all scans of a bag but those that lead too far away: they are counted and said.
+
+    Raises GridError where all do.
+    """
+    refused = ''
+    for placed in bag.placed:
+        try:
+            recording.add(placed)
+        except GridError as error:
+            bag.dropped['scan_off_map'] = bag.dropped.get('scan_off_map', 0) + 1
+            if not refused:
+                refused = str(error)
+                say(f'scan at {placed.scan.stamp_ns / 1e9:.3f} s left out: {refused}')
+    if refused and not len(recording):
+        raise GridError(refused)

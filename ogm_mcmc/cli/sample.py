@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from tqdm import tqdm
 
-from ogm_mcmc.cli.bag_scans import BagScans, read_bag
+from ogm_mcmc.cli.bag_scans import BagScans, read_bag, record
 from ogm_mcmc.cli.kept_state import KeptState
 from ogm_mcmc.cli.option_ranges import Range, check_options
 from ogm_mcmc.cli.options import (
@@ -240,9 +240,8 @@ def _prepare(
     with said_if_slow('loading or compiling the kernels of the sampler (kept for the next time)'):
         warm_up_sampling(chosen.sampler)
     started += time.perf_counter() - read  # compiling is no part of the work
-    recording = Recording(chosen.recording)
-    for placed in bag.placed:
-        recording.add(placed)
+    recording = Recording(chosen.recording, chosen.sampler, bounded=False)
+    record(bag, recording)
     tiles = None if shape is None or executor is None else ClusterTiles(executor)
     refinement = Refinement(chosen.sampler)
     if tiles is not None and shape is not None:

@@ -76,6 +76,8 @@ def reflection_map(
 ) -> Reflections:
     """Return what cells of a window's lattice, or of a `box` of it, reflected."""
     method = CountingMapper(_of_window(window, 'counting'))
+    if box is not None:
+        method.grid.cover(box)  # at once: one that grows takes room to spare
     add_scans('counting', method, _of_beams(scans, window))
     share = method.reflection(method.spec.box)
     hits, misses = method.counts(method.spec.box)

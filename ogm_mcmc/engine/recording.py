@@ -12,15 +12,16 @@ from __future__ import annotations
 
 import math
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 from ogm_mcmc.config import ForwardModelConfig, RecordingConfig, SamplerConfig
 from ogm_mcmc.engine.coverage import Coverage
+from ogm_mcmc.engine.measured_scans import MeasuredScan, box_around, measuring, on_border
 from ogm_mcmc.engine.no_returns import NoReturnChoice
 from ogm_mcmc.engine.recent import Recent
 from ogm_mcmc.engine.sensor_fit import alike
+from ogm_mcmc.engine.strays import around_most, too_far_apart
 from ogm_mcmc.errors import GridError
 from ogm_mcmc.geometry import CellBox, PlacedScan, Pose2D, Scan, wrap_angle
 from ogm_mcmc.sampling import RayWindow, WindowSize
@@ -37,6 +38,7 @@ LET_GO = {
     'too_near': 'the sensor had hardly moved, see minimum_travel_distance',
     'thinned': 'the window was full and others covered their place and heading',
     'covered': 'others covered their place and heading when they came',
+    'astray': 'most others are so far away that no map would hold all',
     'renewed': 'newer ones of another visit took their place',
 }
 
@@ -47,20 +49,12 @@ ROOMY = 0.5
 """With less than this left of what was there when the window was full there is room again."""
 
 
-class _Kept(NamedTuple):
-    placement: PlacedScan
-    size: WindowSize
-
-    @property
-    def beams(self) -> int:
-        return int(self.placement.scan.ranges_m.size)
-
-
 class Recording:
     """Placed scans within limits; which go first is up to `window.keep`.
 
-    With a `sampler` the memory that its window would need is a limit like the others, and with
-    `most_bytes` that of the scans themselves. `let_go` counts scans by the reasons of `LET_GO`.
+    With a `sampler` scans go that no map could hold with the others, and, if it is `bounded`, the
+    memory that its window would need is a limit like the others; with `most_bytes` that of the
+    scans themselves. `let_go` counts scans by the reasons of `LET_GO`.
     """
 
     def __init__(
@@ -69,8 +63,10 @@ class Recording:
         sampler: SamplerConfig | None = None,
         *,
         most_bytes: float = math.inf,
+        bounded: bool = True,
     ) -> None:
         self.config = config
+        self.bounded = bounded
         self.most_bytes = most_bytes
         self.n_rays = 0  # beams, whether they say anything or not
         self.n_bytes = 0  # of the scans and beliefs
@@ -82,11 +78,11 @@ class Recording:
         if sampler is not None:
             # With auto, beams without a return may come to count: so they do for the limits.
             asked = sampler.window.no_return
-            self._window = _measuring(sampler, 'clear' if asked == 'auto' else asked)
+            self._window = measuring(sampler, 'clear' if asked == 'auto' else asked)
         self._sampler = sampler  # with the model of the beams that was found last
         self._no_return = '' if self._window is None else self._window.config.no_return
         self._unmeasured: tuple[str, ForwardModelConfig] | None = None  # what scans cannot be by
-        self._scans: deque[_Kept] = deque()
+        self._scans: deque[MeasuredScan] = deque()
         self._last: Recent[Pose2D] = Recent()  # where each sensor was when its last scan came in
 
     def __len__(self) -> int:
@@ -117,7 +113,7 @@ class Recording:
         if (value, found) in ((self._no_return, before), self._unmeasured):
             return
         sampler = replace(self._sampler, model=found)
-        window = _measuring(sampler, value)
+        window = measuring(sampler, value)
         try:
             sizes = [window.size_of(old.placement) for old in self._scans]
         except GridError:  # all stays: who samples them so is told why that cannot be
@@ -137,7 +133,7 @@ class Recording:
         """Keep a scan with the belief about its sensor's pose, unless it adds too little.
 
         Raises GridError, with nothing changed, when no window can hold it together with the scan
-        before it: a pose gone astray does not drive out all the others.
+        before it, or no map with most of the others: a pose gone astray does not drive these out.
         """
         covering = self.config.window.keep == 'coverage'
         full = covering and self.coverage.is_full(placement)
@@ -147,9 +143,10 @@ class Recording:
         if full and not self.coverage.is_visit(placement):
             self.let_go['covered'] += 1
             return
-        new = _Kept(placement, self._size_of(placement))
+        new = MeasuredScan(placement, self._size_of(placement))
         before = self._scans[-1].size if self._scans else NOTHING
         self._refuse_stray(before.with_more(new.size))
+        self._let_strays_go(new)
         if full:
             self._renew(placement)
         self._scans.append(new)
@@ -181,12 +178,36 @@ class Recording:
         return self._window.size_of(placement)
 
     def _refuse_stray(self, size: WindowSize) -> None:
-        if self._window is None or size.n_bytes <= self._window.most_bytes:
+        if self._window is None or size.n_bytes <= self._most_index_bytes:
             return
         raise GridError(
             f'this scan and the one before it need a window of {size.n_bytes / 1e6:.0f} MB: '
-            f'expected at most max_memory_mb = {self._window.most_bytes / 1e6:g}'
+            f'expected at most max_memory_mb = {self._most_index_bytes / 1e6:g}'
         )
+
+    @property
+    def _most_index_bytes(self) -> float:
+        return self._window.most_bytes if self._window and self.bounded else math.inf
+
+    def _let_strays_go(self, new: MeasuredScan) -> None:
+        """Make one map hold a scan with the others; raises GridError where it is the stray."""
+        far = too_far_apart(self.size.box.union(new.size.box))
+        if not far:
+            return
+        if self.config.window.keep == 'latest':
+            before = self._scans[-1].size if self._scans else NOTHING
+            far = too_far_apart(before.box.union(new.size.box))
+            while not far and too_far_apart(self.size.box.union(new.size.box)):
+                self._let_oldest_go('older')
+        else:
+            kept = around_most([*(one.size.box for one in self._scans), new.size.box])
+            if len(self._scans) in kept:
+                scans = list(self._scans)
+                self._keep([scans[index] for index in kept[:-1]], 'astray')
+                return
+        if far:
+            x, y = new.placement.pose.x_m, new.placement.pose.y_m
+            raise GridError(f'at ({x:.1f}, {y:.1f}) m it leads too far from the others: {far}')
 
     def _obey_limits(self) -> None:
         while len(self._scans) > 1 and self._beyond_limits():
@@ -198,7 +219,7 @@ class Recording:
             len(self._scans) > config.max_scans
             or self.n_rays > config.max_rays
             or self.n_bytes > self.most_bytes
-            or (self._window is not None and self.size.n_bytes > self._window.most_bytes)
+            or (self._window is not None and self.size.n_bytes > self._most_index_bytes)
         )
 
     # -- what goes --------------------------------------------------------------------------
@@ -224,8 +245,8 @@ class Recording:
         self.n_bytes -= gone.placement.n_bytes
         self.coverage.remove(gone.placement)
         box = self.size.box
-        if _on_border(gone.size.box, box):
-            box = _box_around(self._scans)
+        if on_border(gone.size.box, box):
+            box = box_around(self._scans)
         self.size = self.size.without(gone.size, box)
 
     def fewer(
@@ -267,7 +288,7 @@ class Recording:
                 self._let_one_go(index, 'renewed')
                 return
 
-    def _keep(self, scans: Sequence[_Kept], reason: str) -> None:
+    def _keep(self, scans: Sequence[MeasuredScan], reason: str) -> None:
         if gone := len(self._scans) - len(scans):
             self.let_go[reason] += gone
         self._scans = deque(scans)
@@ -278,7 +299,7 @@ class Recording:
         rays, pairs = sum(k.size.rays for k in scans), sum(k.size.pairs for k in scans)
         near = sum(k.size.near for k in scans)
         zones = sum(k.size.zones for k in scans)
-        self.size = WindowSize(rays, pairs, _box_around(scans), near, zones)
+        self.size = WindowSize(rays, pairs, box_around(scans), near, zones)
         self.coverage.count_anew(kept.placement for kept in scans)
 
     def replace(self, placed: Sequence[PlacedScan]) -> None:
@@ -287,10 +308,10 @@ class Recording:
         Raises GridError, with nothing changed, when no window can hold them.
         """
         scans = [
-            old if old.placement is new else _Kept(new, self._size_of(new))
+            old if old.placement is new else MeasuredScan(new, self._size_of(new))
             for old, new in zip(self._scans, placed, strict=True)
         ]
-        self._refuse_box(WindowSize(0, 0, _box_around(scans)))
+        self._refuse_box(WindowSize(0, 0, box_around(scans)))
         self._keep(scans, 'thinned')
         self._obey_limits()
 
@@ -301,19 +322,22 @@ class Recording:
             scan = read(old.placement.scan)
             if scan is not old.placement.scan:
                 placement = old.placement._replace(scan=scan)
-                old = _Kept(placement, self._size_of(placement))
+                old = MeasuredScan(placement, self._size_of(placement))
             scans.append(old)
         if any(new is not old for new, old in zip(scans, self._scans, strict=True)):
             self._keep(scans, '')
             self._obey_limits()
 
     def _refuse_box(self, size: WindowSize) -> None:
-        if self._window is None or size.n_bytes <= self._window.most_bytes:
+        if self._window is None:
             return
-        raise GridError(
-            f'the scans at these poses need a window of {size.box.n_cells} cells: expected what '
-            f'max_memory_mb = {self._window.most_bytes / 1e6:g} can hold'
-        )
+        if size.n_bytes > self._most_index_bytes:
+            raise GridError(
+                f'the scans at these poses need a window of {size.box.n_cells} cells: expected '
+                f'what max_memory_mb = {self._most_index_bytes / 1e6:g} can hold'
+            )
+        if far := too_far_apart(size.box):
+            raise GridError(f'the scans at these poses lie too far apart: {far}')
 
     def snapshot(self) -> list[PlacedScan]:
         """Return the scans as they are now."""
@@ -321,7 +345,7 @@ class Recording:
 
     def copy(self) -> Recording:
         """Return a recording of the same scans, which goes its own way from here."""
-        copy = Recording(self.config, most_bytes=self.most_bytes)
+        copy = Recording(self.config, most_bytes=self.most_bytes, bounded=self.bounded)
         copy.n_rays, copy.n_bytes, copy.size = self.n_rays, self.n_bytes, self.size
         copy.let_go, copy.coverage = self.let_go.copy(), self.coverage.copy()
         copy._full_at, copy._window = self._full_at, self._window
@@ -361,21 +385,3 @@ class Recording:
         self.coverage = Coverage()
         self.n_rays = self.n_bytes = self._full_at = 0
         self.size, self._unmeasured = NOTHING, None
-
-
-def _measuring(sampler: SamplerConfig, no_return: str) -> RayWindow:
-    """Return a window that tells how much memory scans need."""
-    window, chains = replace(sampler.window, no_return=no_return), sampler.chains_of_cells
-    return RayWindow(window, sampler.model, margin=sampler.patch.window_margin, chains=chains)
-
-
-def _box_around(scans: Iterable[_Kept]) -> CellBox:
-    box = NOTHING.box
-    for kept in scans:
-        box = box.union(kept.size.box)
-    return box
-
-
-def _on_border(inner: CellBox, outer: CellBox) -> bool:
-    """Whether a box might be smaller without another one in it."""
-    return not inner.empty and any(a == b for a, b in zip(inner, outer, strict=True))

@@ -8,7 +8,7 @@ from ogm_mcmc.arrays import AnyArray, Float32Array, UInt32Array
 from ogm_mcmc.errors import GridError
 from ogm_mcmc.geometry import CellBox, GridSpec
 
-__all__ = ['CountGrid', 'GrowingGrid', 'LogOddsGrid']
+__all__ = ['CountGrid', 'GrowingGrid', 'LogOddsGrid', 'too_large']
 
 # Columns grow in whole words of the bit sets, rows likewise for symmetry.
 BLOCK = 64
@@ -71,23 +71,28 @@ class GrowingGrid:
                     wanted.row1 + (rows // 8 if wanted.row1 > old.row1 else 0),
                 )
             )
-        if max(tight.column1 - tight.column0, tight.row1 - tight.row0) > MAX_SIDE:
-            raise GridError(
-                f'map would grow to {tight.column1 - tight.column0} x {tight.row1 - tight.row0} '
-                f'cells: expected at most {MAX_SIDE} along a side, as Nav2 does'
-            )
+        if refusal := too_large(tight, self.max_cells):
+            raise GridError(refusal)
         target = roomy if _allowed(roomy, self.max_cells) else tight
-        if _cells(target) > self.max_cells:
-            raise GridError(
-                f'map would grow to {tight.column1 - tight.column0} x {tight.row1 - tight.row0} '
-                f'cells: expected at most max_cells = {self.max_cells}'
-            )
         before, kept = self.layers(), self._box
         self._allocate(self.spec.windowed(target))
         if self._placed:
             for layer, earlier in zip(self.layers(), before, strict=True):
                 layer[self.spec.slices(kept)] = earlier
         self._placed = True
+
+
+def too_large(box: CellBox, max_cells: int) -> str:
+    """Return why no map of at most so many cells holds a box; empty where one does."""
+    whole = _whole_blocks(box)
+    columns, rows = whole.column1 - whole.column0, whole.row1 - whole.row0
+    if max(columns, rows) > MAX_SIDE:
+        limit = f'{MAX_SIDE} along a side, as Nav2 does'
+    elif _cells(whole) > max_cells:
+        limit = f'max_cells = {max_cells}'
+    else:
+        return ''
+    return f'map would grow to {columns} x {rows} cells: expected at most {limit}'
 
 
 def _allowed(box: CellBox, max_cells: int) -> bool:
