@@ -17,7 +17,8 @@ that is gone or busy, or again, if its last answer was lost. From then on the ch
 finds what the first would have found, bit for bit. The scans go to every worker once, packed
 (`parcels`); were they gone with all workers that had them, they would be sent again.
 
-Consequence. A worker that is lost costs the sweeps of a round, and the time to build its index.
+Consequence. A worker that is lost costs the sweeps of a round, and the time to build its index;
+the last one, and none that comes in its place for half a minute, ends the command.
 Tried before: tasks that are functions of their arguments alone. Every round then ships a chain's
 counts both ways (64 bytes per sampled cell), and finds the first hits of all rays anew, on the
 worker and where the command runs. The result is that of local chains with the same seed.
@@ -47,10 +48,14 @@ from ogm_mcmc.lab.chain_worker import (
 )
 from ogm_mcmc.lab.memory import peak_mb
 from ogm_mcmc.lab.parcels import pack
-from ogm_mcmc.lab.workers import RETRIES, Workers, done_by, place, share, submit_again
+from ogm_mcmc.lab.workers import RETRIES, Workers, check, done_by, place, share, submit_again
 from ogm_mcmc.sampling import GibbsState, PosteriorSampler
 
 __all__ = ['ChainTraffic', 'DistantSampler', 'digest', 'distribute', 'pack_problem']
+
+
+# How long answers are waited for before it is asked whether any worker is still there.
+LOOK_S = 5.0
 
 
 class ChainTraffic(NamedTuple):
@@ -197,7 +202,9 @@ class DistantSampler(PosteriorSampler):
             futures += sent
             waiting.update(sent)
             ask.clear()
-            for future in wait(waiting, return_when=FIRST_COMPLETED).done:
+            while not (done := wait(waiting, LOOK_S, return_when=FIRST_COMPLETED).done):
+                check(self._executor)
+            for future in done:
                 j, answer = waiting.pop(future), future.result()
                 done_by(self._executor, j, answer.worker)
                 if isinstance(answer, Advanced):

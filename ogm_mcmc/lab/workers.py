@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import sys
+import time
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError, Executor, Future
@@ -16,6 +18,7 @@ from ogm_mcmc.errors import ClusterError, ConfigError
 __all__ = [
     'RETRIES',
     'Workers',
+    'check',
     'connected',
     'done_by',
     'place',
@@ -55,6 +58,8 @@ def connected(address: str) -> Iterator[Workers | None]:
     _check_address(address)
     try:
         client = Client(address, timeout=ANSWER_S, set_as_default=False)
+        # What is lost is said in a line here, not in a traceback of its thread.
+        logging.getLogger('distributed.client').setLevel(logging.CRITICAL)
     except (OSError, ValueError) as error:
         raise ClusterError(f'scheduler {address}: no answer; {EXPECTED}') from error
     try:
@@ -81,6 +86,7 @@ class Workers(Executor):
         self._holder: dict[int, str] = {}  # the worker that keeps what belongs to a key
         self._pool = client.get_executor(pure=False, retries=RETRIES)
         self._near: dict[str, Executor] = {}
+        self._alone_since: float | None = None
 
     def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> Future[Any]:
         """Let any worker do it; a worker that is lost costs nothing."""
@@ -91,6 +97,19 @@ class Workers(Executor):
         """Return who is there, with how many threads. Raises ClusterError where nobody says."""
         with _scheduler_there():
             return dict(self.client.nthreads())
+
+    def check(self) -> None:
+        """Raise ClusterError where no worker has been there for as long as one is waited for."""
+        if self.threads():
+            self._alone_since = None
+            return
+        now = time.monotonic()
+        if self._alone_since is None:
+            self._alone_since = now
+        if now - self._alone_since > WORKERS_S:
+            raise ClusterError(
+                f'no worker is left, nor came in {WORKERS_S:g} s: expected at least one'
+            )
 
     def asked(self, fn: Any) -> dict[str, Any]:
         """Return what each worker says that answers: those that are gone by now cost nothing."""
@@ -136,7 +155,7 @@ class Workers(Executor):
     def share(self, data: bytes) -> Any:
         """Send something to every worker, once; return what stands for it in tasks."""
         with _scheduler_there():
-            return self.client.scatter(data, broadcast=True, hash=False)
+            return self.client.scatter(data, broadcast=True, hash=False, timeout=WORKERS_S)
 
 
 @contextmanager
@@ -250,6 +269,12 @@ def spread(
 def place(executor: Executor, keys: Sequence[int]) -> set[int]:
     """Bind keys to workers, where there are several; return those with another one than before."""
     return executor.place(keys) if isinstance(executor, Workers) else set()
+
+
+def check(executor: Executor) -> None:
+    """Raise ClusterError where the workers of an executor are all gone, and stay away."""
+    if isinstance(executor, Workers):
+        executor.check()
 
 
 def submit_again(executor: Executor, key: int, fn: Any, /, *args: Any) -> Future[Any]:

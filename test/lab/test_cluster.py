@@ -108,6 +108,9 @@ class Deadly(workers_module.Workers):
     def done_by(self, key, worker):
         self.inner.done_by(key, worker)
 
+    def check(self):
+        self.inner.check()
+
     def again(self, key, fn, *args):
         self.submitted += 1
         if self.submitted == self.which:
@@ -201,6 +204,9 @@ class Forgetful(workers_module.Workers):
 
     def done_by(self, key, worker):
         raise AssertionError('threads are no workers')
+
+    def check(self):
+        """Threads stay."""
 
     def again(self, key, fn, *args):
         self.given.append(args)

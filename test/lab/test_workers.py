@@ -125,7 +125,8 @@ class GoneScheduler:
     def run(self, fn, *, on_error):
         raise OSError('Timed out')
 
-    def scatter(self, data, *, broadcast, hash):
+    def scatter(self, data, *, broadcast, hash, timeout):
+        assert timeout == workers_module.WORKERS_S
         raise TimeoutError('No valid workers found')
 
     def get_executor(self, **_):
@@ -140,3 +141,22 @@ def test_a_cluster_that_goes_away_is_one_line_and_takes_no_figures_along():
         ):
             ask()
     assert workers.asked(abs) == {}
+
+
+def test_a_cluster_without_workers_is_waited_for_only_so_long(monkeypatch):
+    there, now = Scheduler({'a': 1}), [0.0]
+    workers = Workers(there)
+    monkeypatch.setattr(workers_module.time, 'monotonic', lambda: now[0])
+    for now[0] in (0.0, 100.0):
+        workers.check()
+    there.threads.clear()
+    for now[0] in (200.0, 229.0):
+        workers.check()
+    there.threads['b'] = 1
+    workers.check()  # one came
+    there.threads.clear()
+    for now[0] in (300.0, 329.0):
+        workers.check()
+    now[0] = 331.0
+    with pytest.raises(ClusterError, match='no worker is left, nor came in 30 s: expected'):
+        workers.check()
