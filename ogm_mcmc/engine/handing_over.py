@@ -1,8 +1,9 @@
-"""What the worker hands over: the map of chains as they are now, with all that is asked of it."""
+"""What the worker hands over: the map of chains as they are now, and figures of the sampled."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 from ogm_mcmc.engine.collision import chance_of_unknown
 from ogm_mcmc.engine.joint_poses import RefinedTrajectory
@@ -11,7 +12,7 @@ from ogm_mcmc.engine.refined_map import RefinedMap
 from ogm_mcmc.engine.refinement import Refinement
 from ogm_mcmc.geometry import PlacedScan
 
-__all__ = ['map_now']
+__all__ = ['figures_of', 'map_now']
 
 
 def map_now(
@@ -52,3 +53,17 @@ def map_now(
         refinement.guess,
         unknown,
     )
+
+
+def figures_of(refinement: Refinement) -> dict[str, Any]:
+    """Return of what is sampled what `WorkerStatus` says, by its names."""
+    size, sampler = refinement.size, refinement.sampler
+    assert sampler is not None
+    return {
+        'rays': size.n_rays,
+        'merged': size.n_merged,
+        'sensor': refinement.sensor,
+        'no_return': refinement.no_return,
+        'n_bytes': size.n_bytes + sampler.n_bytes,
+        'index_bytes': size.n_bytes,
+    }

@@ -84,7 +84,7 @@ class KeptPoses:
         """
         choice = choose_joint(scans, self.config, resolution_m, self.joint)
         if not choice.joint:
-            self._let_go()
+            self.let_go()
         asked = set(map(_stamp, scans))
         self._held = {key: one for key, one in self._held.items() if _stamp(one.given) in asked}
         if choice.why and choice.joint != self._said:
@@ -122,7 +122,7 @@ class KeptPoses:
         known = {_stamp(one.given) for one in self._held.values()}
         new = [one for one in scans if self._found(one) is None]
         if any(_stamp(one) in known for one in new):
-            self._let_go()
+            self.let_go()
             return list(scans)
         for one in new:
             pose = self._correction(one.scan.stamp_ns).compose(one.pose)
@@ -153,12 +153,13 @@ class KeptPoses:
         near = self._corrections[max(at - 1, 0) : at + 1]
         return min(near, key=lambda one: abs(one[0] - stamp_ns))[1]
 
-    def _let_go(self) -> None:
+    def let_go(self) -> None:
+        """Leave no poses of before."""
         self._held, self._corrections, self.trajectory = {}, [], None
 
     def forget(self) -> None:
         """Leave no poses of before, and no choice."""
-        self._let_go()
+        self.let_go()
         self.joint = None
 
 

@@ -14,11 +14,14 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 
+from numpy.linalg import LinAlgError
+
 from ogm_mcmc.config import TrajectoryConfig
 from ogm_mcmc.engine.beam_times import BentScans
 from ogm_mcmc.engine.joint_poses import PoseRefinement
 from ogm_mcmc.engine.kept_poses import EstimatedPoses
 from ogm_mcmc.engine.odometry import OdometryAt, said_odometry
+from ogm_mcmc.errors import PoseError
 from ogm_mcmc.geometry import PlacedScan
 from ogm_mcmc.trajectory import TrajectoryProgress
 
@@ -155,6 +158,10 @@ class PosesBeside:
                 task.refinement = before.refinement
             del before
             self._estimate(task)
+        except MemoryError:
+            task.error = PoseError('no memory')
+        except LinAlgError as error:
+            task.error = PoseError(str(error))
         except BaseException as error:  # the worker raises it
             task.error = error
         task.ended = True
@@ -162,6 +169,8 @@ class PosesBeside:
 
     def _estimate(self, task: _Task) -> None:
         if task.refinement is None:
+            if task.until == 0.0:  # ended while it waited for another one
+                return
             found = PoseRefinement(task.scans, self.config, self.odometry, self._bent)
             task.refinement = found
         refinement, told = task.refinement, False

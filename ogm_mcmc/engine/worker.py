@@ -17,7 +17,7 @@ from functools import partial
 from pathlib import Path
 
 from ogm_mcmc.config import PosesConfig, SamplerConfig, StopConfig
-from ogm_mcmc.engine.handing_over import map_now
+from ogm_mcmc.engine.handing_over import figures_of, map_now
 from ogm_mcmc.engine.kept_poses import EstimatedPoses, KeptPoses
 from ogm_mcmc.engine.kept_samples import MOST_SAMPLES
 from ogm_mcmc.engine.odometry import OdometryAt
@@ -245,14 +245,9 @@ class RefineWorker:
             state='sampling',
             scans=len(order.scans),
             left_out=order.left_out,
-            rays=refinement.size.n_rays,
-            merged=refinement.size.n_merged,
-            sensor=refinement.sensor,
-            no_return=refinement.no_return,
+            **figures_of(refinement),
             # Who keeps scans lets the same go.
             model=order.kept.model if order.left_out and order.kept else refinement.model_found,
-            n_bytes=refinement.size.n_bytes + refinement.sampler.n_bytes,
-            index_bytes=refinement.size.n_bytes,
             chain_sweeps=self._chains.sweeps,
         )
         left_s = max(order.stop.max_time - (time.monotonic() - began), LEAST_S)
@@ -314,15 +309,22 @@ class RefineWorker:
                 self._orders.changed.wait_for(seen, min(LOOK_S, left_s))
         try:
             return beside.take() if beside.found and not self._cancel else None
-        except (OgmError, MemoryError) as error:
-            self.warn(f'poses not estimated: {str(error) or "no memory"}')
+        except OgmError as error:
+            self.warn(f'poses not estimated: {error}')
             return None
 
     def _go_on_at(self, order: Order, found: EstimatedPoses, began: float) -> Order | None:
         """Take scans where they are now; return those taken."""
         self._soon = SHARPER
         self._status = self._status._replace(state='indexing', poses=self._beside.progress)
-        taken = self._take_kept(order, began + order.stop.max_time)
+        until = began + order.stop.max_time
+        try:
+            taken = self._take_kept(order, until)
+        except OgmError as error:  # the map at those given goes on
+            self.warn(f'joint poses not used: {error}')
+            self._poses.let_go()
+            self._beside.end()
+            return self._take_kept(order, until)
         if taken is not None:
             self.log(found.said_of(time.monotonic() - began))
             for line in found.said:

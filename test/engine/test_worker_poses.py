@@ -16,6 +16,7 @@ from ogm_mcmc.engine.poses_beside import PosesBeside
 from ogm_mcmc.engine.refinement import Refinement
 from ogm_mcmc.engine.sensor_fit import fit_sensor
 from ogm_mcmc.engine.worker import RefineWorker
+from ogm_mcmc.errors import WindowError
 from ogm_mcmc.evaluation import confusion_counts
 from ogm_mcmc.evaluation.trajectories import absolute_errors
 from ogm_mcmc.geometry import PlacedScan, Pose2D
@@ -289,18 +290,42 @@ def test_chains_at_joint_poses_are_resumed_after_a_restart(make, gate, tmp_path)
     assert said[0] == f'continues from {state}'
 
 
-def test_poses_that_cannot_be_estimated_leave_the_map_at_those_given(make, monkeypatch):
+@pytest.mark.parametrize(
+    ('error', 'said'),
+    [(MemoryError(), 'no memory'), (np.linalg.LinAlgError('singular'), 'singular')],
+)
+def test_poses_that_cannot_be_estimated_leave_the_map_at_those_given(
+    make, monkeypatch, error, said
+):
     warned = []
 
     def fails(*_):
-        raise MemoryError
+        raise error
 
     monkeypatch.setattr('ogm_mcmc.engine.poses_beside.PoseRefinement', fails)
     worker = make(poses=JOINT, warn=warned.append)
     worker.refine(noisy_drive()[1], LIMITS)
     until(lambda: idle(worker, 'sweeps'))
-    assert warned == ['poses not estimated: no memory']
+    assert warned == [f'poses not estimated: {said}']
     assert worker.result.final
+
+
+def test_joint_poses_that_cannot_be_sampled_leave_the_map_at_those_given(make, monkeypatch):
+    warned, (_, placed) = [], noisy_drive()
+    take = Refinement.take
+
+    def refuses(refinement, scans, *args, **options):
+        if scans[0].pose != placed[0].pose:
+            raise WindowError('too far apart')
+        return take(refinement, scans, *args, **options)
+
+    monkeypatch.setattr(Refinement, 'take', refuses)
+    worker = make(poses=JOINT, warn=warned.append)
+    for _ in range(2):
+        worker.refine(placed, LIMITS)
+        until(lambda: idle(worker, 'sweeps') and worker.result.final)
+        assert worker.result.trajectory is None
+    assert set(warned) == {'joint poses not used: too far apart'}
 
 
 def test_a_bug_in_poses_is_not_swallowed(monkeypatch):
