@@ -36,6 +36,7 @@ from ogm_mcmc.config import (
     SamplerConfig,
     ShownConfig,
     StopConfig,
+    TrajectoryConfig,
     flatten,
     settings_of,
 )
@@ -50,7 +51,7 @@ from ogm_mcmc.engine.warm_up import warm_up_sampling
 from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.files.output_files import checked_name, makeable_folder
 from ogm_mcmc.files.saying import said_if_slow, said_if_stopped, say
-from ogm_mcmc.geometry import GridMap, GridSpec
+from ogm_mcmc.geometry import GridMap, GridSpec, PlacedScan
 from ogm_mcmc.io.map_files import load_grid
 from ogm_mcmc.lab.cluster import DistantSampler, distribute
 from ogm_mcmc.lab.tile_cluster import ClusterTiles
@@ -252,15 +253,8 @@ def _prepare(
     if choice.why:
         say(choice.why)
     if choice.joint:
-        poses = PoseRefinement(scans, settings, bag.odometry)
-        with interruptible() as interrupted:
-            refine_poses(poses, interrupted)
-        if settings.odometry:
-            used = poses.wheels
-            say(said_odometry(bag.odometry_name, used, len(scans), poses.odometry_scale))
-        if times := poses.said_beam_times():
-            say(times)
-        scans = poses.placed()
+        poses = _joint_poses(scans, settings, bag)
+        scans = scans if poses is None else poses.placed()
     refinement.take(scans, start)
     state = KeptState(refinement, options.state)
     resumed = state.resume()
@@ -268,6 +262,26 @@ def _prepare(
     if executor is not None and tiles is None:
         distant = distribute(refinement, scans, executor)
     return _Work(bag, recording, poses, refinement, tiles, distant, state, resumed, started)
+
+
+def _joint_poses(
+    scans: list[PlacedScan], settings: TrajectoryConfig, bag: BagScans
+) -> PoseRefinement | None:
+    """Estimate poses; None where that was ended before they were better than those given."""
+    poses = PoseRefinement(scans, settings, bag.odometry)
+    with interruptible() as interrupted:
+        refine_poses(poses, interrupted)
+    if interrupted.is_set():
+        found = 'joint ones, as far as they are' if poses.usable else 'those given'
+        say(f'poses ended: maps are sampled at {found}; Ctrl-C ends that, too, and saves the map')
+        if not poses.usable:
+            return None
+    if settings.odometry:
+        used = poses.wheels
+        say(said_odometry(bag.odometry_name, used, len(scans), poses.odometry_scale))
+    if times := poses.said_beam_times():
+        say(times)
+    return poses
 
 
 class _Chosen(NamedTuple):
