@@ -74,6 +74,11 @@ def run(argv: list[str] | None = None) -> int:
     except OgmError as error:
         say(f'ogm_mcmc {options.command}: error: {error}')
         return 2
+    except MemoryError as error:
+        what = str(error) or 'more memory was asked for than there is'
+        say(f'ogm_mcmc {options.command}: error: out of memory ({what}): expected a coarser or '
+            'smaller map, fewer beams, or a machine with more')  # fmt: skip
+        return 1
     except KeyboardInterrupt:
         return 130
     except BrokenPipeError:

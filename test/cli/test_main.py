@@ -32,6 +32,17 @@ def test_only_the_command_in_use_is_made(command, capsys, monkeypatch):
     assert f'usage: ogm_mcmc {command} ' in capsys.readouterr().out
 
 
+def test_memory_that_is_not_there_is_one_line(monkeypatch, capsys):
+    def run(options):
+        raise MemoryError('Unable to allocate 8 TiB')
+
+    monkeypatch.setattr('ogm_mcmc.cli.evaluate.run', run)
+    assert main.run(['evaluate', 'map.npz']) == 1
+    said = capsys.readouterr().err.splitlines()
+    assert len(said) == 1
+    assert 'error: out of memory (Unable to allocate 8 TiB): expected a coarser' in said[0]
+
+
 @pytest.mark.parametrize('words', [[], ['--help'], ['mapp']])
 def test_otherwise_all_of_them_are_named(words, capsys):
     with pytest.raises(SystemExit):
