@@ -10,12 +10,22 @@ pytest.importorskip('rclpy', reason='rclpy is not installed: no ROS tests')
 
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from rcl_interfaces.msg import ParameterType
+from rclpy.parameter import Parameter
 from sensor_msgs.msg import LaserScan
-from support.local_ros import refusal
-from support.refine_client import ENDLESS, SCANS, Client, as_array, server, server_here, stop
+from support.local_ros import Logs, local_node, pose, refusal, scan
+from support.refine_client import (
+    ENDLESS,
+    QUICK,
+    SCANS,
+    Client,
+    as_array,
+    server,
+    server_here,
+    stop,
+)
 from support.ros import NodeProcess, Observer
 
-from ogm_mcmc.ros.refine_server import main
+from ogm_mcmc.ros.refine_server import RefineServer, main
 
 pytestmark = [pytest.mark.ros]
 
@@ -164,3 +174,20 @@ def test_memory_is_a_limit_like_the_others(walks):
         assert int(client.values()['dropped: scan_off_map']) > 20
         stop(node)
     assert 'expected at most max_memory_mb = 1 [scan_off_map' in node.output
+
+
+def test_a_scan_that_leads_too_far_away_is_left_out_and_said():
+    """A localizer is lost for a moment; the scans of before and after can be sampled."""
+    chosen = [
+        Parameter(name, value=value)
+        for name, value in {**QUICK, 'window.resolution': 0.05}.items()
+    ]
+    with local_node(RefineServer, parameter_overrides=chosen) as node:
+        logs = Logs(node)
+        for k, x in enumerate((0.0, 0.1, 510.0, 510.0, 0.2, 0.3), 1):
+            node.intake.on_pose(pose(float(k), x, x))
+            node.intake.on_scan(scan(float(k), (1.0, 1.5, 2.0)))
+        assert [one.pose.x_m for one in node.recording.snapshot()] == [0.0, 0.1, 0.2, 0.3]
+        assert node.intake.problems.all()['scan_off_map'] == 2
+        line = next(one for one in logs.of('warning') if 'scan_off_map' in one)
+        assert 'at (510.0, 510.0) m it leads too far from the others: map would grow to' in line
