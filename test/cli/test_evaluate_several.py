@@ -82,13 +82,14 @@ def test_unmoved_cells_of_sampled_maps_are_judged_by_their_mean(theirs, capsys):
 
 
 def test_against_truth_and_beams(theirs, capsys):
-    judges = ('--truth', 'truth.yaml', '--beams', 'bag', '--point-step', '0.1')
-    result = asked(capsys, 'ours=good.npz', 'raw=raw.yaml', 'poor.npy', *judges, '--points')
+    judges = ('--truth', 'truth.yaml', '--beams', 'bag')
+    points = ('--points', '--point-step', '0.1')
+    result = asked(capsys, 'ours=good.npz', 'raw=raw.yaml', 'poor.npy', *judges, *points)
     assert list(result['maps']) == ['ours', 'raw', 'poor']
     without = asked(capsys, 'ours=good.npz', 'raw=raw.yaml', *judges)
     assert 'points' not in without['maps']['ours']['beams']
     singles = [
-        asked(capsys, name, *judges, '--points') for name in ('good.npz', 'raw.yaml', 'poor.npy')
+        asked(capsys, name, *judges, *points) for name in ('good.npz', 'raw.yaml', 'poor.npy')
     ]
     for one, alone in zip(result['maps'].values(), singles, strict=True):
         assert one['truth']['divergence_nats'] == alone['divergence_nats']

@@ -54,7 +54,7 @@ def test_codes_found_late_are_taken_out_of_what_was_recorded(monkeypatch):
             node.intake.on_scan(came)
         recorded = node.recording.snapshot()
         assert recorded[2].scan.ranges_m[12:].tolist() == [np.float32(4.99)] * 12
-        monkeypatch.setattr(node.worker, 'refine', lambda scans, *_: sampled.extend(scans))
+        monkeypatch.setattr(node.worker, 'refine', lambda scans, *_, **__: sampled.extend(scans))
         answer = node.on_refine(Trigger.Request(), Trigger.Response())
         assert answer.success, answer.message
     assert [np.isinf(one.scan.ranges_m).sum() for one in sampled] == [0, 0, 12, 12]
