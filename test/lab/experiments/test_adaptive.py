@@ -36,7 +36,7 @@ def test_a_drawn_curve_keeps_its_area():
     assert area == pytest.approx(counts.roc_area(), abs=1e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_result(tmp_path, monkeypatch):
     """All of `--quick`, from half of its scans."""
     really = adaptive.recorded

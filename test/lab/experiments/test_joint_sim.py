@@ -7,7 +7,7 @@ from ogm_mcmc.lab.experiments import joint_sim
 from ogm_mcmc.lab.experiments.pose_sim import pooled
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_one_building() -> None:
     found = joint_sim.score(10, 1, 'poor filter', 1)
     errors = found['errors']

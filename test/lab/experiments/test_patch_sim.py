@@ -11,6 +11,7 @@ from ogm_mcmc.sampling.patch_learning import PatchCounts, WindowCounts
 from ogm_mcmc.simulation import GridWorld, generate_floor
 
 
+@pytest.mark.full
 @pytest.mark.jit
 def test_one_set_in_every_way(monkeypatch):
     """Few samples of one sparse building: the border prior is ahead by far."""

@@ -37,7 +37,7 @@ def test_robots_are_marked_on_every_map(tmp_path):
             assert tuple(pixels[int(row), int(column)]) == (31, 119, 180)
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_quick_run(tmp_path, caplog, monkeypatch):
     monkeypatch.setattr(patch_toy, 'SWEEPS', {1: 60, 9: 6, 25: 4})
     monkeypatch.setattr(patch_toy, 'FIGURE_SWEEPS', 1500)

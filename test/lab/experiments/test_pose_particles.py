@@ -115,6 +115,7 @@ def test_without_the_log_it_says_what_it_needs(tmp_path, monkeypatch):
         run(tmp_path, quick=True, seed=1)
 
 
+@pytest.mark.full
 @pytest.mark.data
 def test_recorded_particles(data_folder, tmp_path, monkeypatch):
     """All particles rank cells better than the likeliest one, in both inverse models."""
