@@ -48,6 +48,16 @@ def test_bag_truth_and_poses_agree(tmp_path, capsys):
         assert same.mean() > 0.9
 
 
+def _against_truth(capsys, maps, truth):
+    """Return the figures of a map beside the truth, in the cells that it measured."""
+    code, out, _ = command(
+        capsys, 'evaluate', maps / 'map.npz', '--truth', truth, '--json',
+        '-o', maps, '--mask', 'measured',
+    )  # fmt: skip
+    assert code == 0
+    return json.loads(out)
+
+
 @pytest.mark.jit
 def test_mapped_and_evaluated(tmp_path, capsys):
     """The whole way, and what comes out is the building."""
@@ -55,12 +65,7 @@ def test_mapped_and_evaluated(tmp_path, capsys):
     arguments = ('--beams', 180, '--range-max', 7.5, '--noise-cells', 0.5)
     assert command(capsys, 'simulate', 'building-10', '-o', bag, *arguments)[0] == 0
     assert command(capsys, 'map', bag, '-o', maps, '--resolution', 0.1)[0] == 0
-    code, out, _ = command(
-        capsys, 'evaluate', maps / 'map.npz', '--truth', tmp_path / 'bag_truth.yaml', '--json',
-        '-o', maps, '--mask', 'measured',
-    )  # fmt: skip
-    assert code == 0
-    figures = json.loads(out)
+    figures = _against_truth(capsys, maps, tmp_path / 'bag_truth.yaml')
     assert figures['measured_cells'] > 180_000
     assert figures['roc_area'] > 0.98
     assert figures['best']['f1'] > 0.7
@@ -76,12 +81,7 @@ def test_a_turned_world_is_mapped_and_evaluated(tmp_path, capsys):
     arguments = ('--turn', 23, '--beams', 180, '--noise', 0, '--min-scans', 4)
     assert command(capsys, 'simulate', tmp_path / 'room.png', '-o', bag, *arguments)[0] == 0
     assert command(capsys, 'map', bag, '-o', maps)[0] == 0
-    code, out, _ = command(
-        capsys, 'evaluate', maps / 'map.npz', '--truth', tmp_path / 'bag_truth.yaml', '--json',
-        '-o', maps, '--mask', 'measured',
-    )  # fmt: skip
-    assert code == 0
-    figures = json.loads(out)
+    figures = _against_truth(capsys, maps, tmp_path / 'bag_truth.yaml')
     assert figures['cells'] > 4000
     assert figures['roc_area'] > 0.95
     assert figures['best']['f1'] > 0.7
