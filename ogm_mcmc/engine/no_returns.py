@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ogm_mcmc.arrays import AnyArray, Float64Array, Int64Array
+from ogm_mcmc.arrays import Float64Array, Int64Array
 from ogm_mcmc.geometry import PlacedScan
 
 __all__ = ['LiveNoReturn', 'NoReturnChoice', 'NoReturnWatch', 'NoReturns', 'no_return_of']
@@ -183,7 +183,7 @@ class NoReturnWatch:
     def _hit_cells(self, placed: PlacedScan) -> Int64Array:
         ranges = placed.scan.ranges_m.astype(np.float64)
         hit = placed.scan.measured() & (ranges <= MOST_STEPS * self.resolution_m)
-        ends = _ends(placed, hit, ranges[hit])
+        ends = placed.along(hit, ranges[hit])
         return np.unique(self._names(ends))
 
     def _crossed_cells(self, placed: PlacedScan) -> Int64Array:
@@ -197,7 +197,7 @@ class NoReturnWatch:
         some = missing[:: -(-missing.size // most)]
         steps = min(reach / self.resolution_m, MOST_STEPS)
         along = np.arange(1.0, steps) * self.resolution_m
-        return self._names(_ends(placed, some[:, None], along))
+        return self._names(placed.along(some[:, None], along))
 
     def _names(self, points: Float64Array) -> Int64Array:
         column, row = np.floor(points / self.resolution_m).astype(np.int64)
@@ -271,14 +271,3 @@ class LiveNoReturn:
         for placed in scans:
             self._watch.see(placed)
         self._next_look = min(self._next_look, max(FIRST_LOOK, self._watch.seen + 1))
-
-
-def _ends(placed: PlacedScan, beams: AnyArray, lengths: Float64Array) -> Float64Array:
-    """Return the points (2, ...) at so many metres along beams, m."""
-    angles = placed.pose.yaw_rad + placed.scan.bearings()[beams]
-    return np.stack(
-        (
-            placed.pose.x_m + lengths * np.cos(angles),
-            placed.pose.y_m + lengths * np.sin(angles),
-        )
-    )

@@ -170,13 +170,10 @@ def _plain(model: ForwardModel) -> ForwardModel:
 def _ends(placed: Sequence[PlacedScan]) -> Float64Array:
     """Return where the beams of scans ended (N, 2), m."""
     ends = [np.empty((0, 2))]
-    for scan, belief in placed:
-        returned = scan.measured()
-        ranges = scan.ranges_m[returned].astype(np.float64)
-        angles = belief.mean.yaw_rad + scan.bearings()[returned]
-        sensor = np.array([belief.mean.x_m, belief.mean.y_m])
-        directions = np.stack((np.cos(angles), np.sin(angles)), axis=1)
-        ends.append(sensor + ranges[:, np.newaxis] * directions)
+    for one in placed:
+        returned = one.scan.measured()
+        ranges = one.scan.ranges_m[returned].astype(np.float64)
+        ends.append(np.ascontiguousarray(one.along(returned, ranges).T))
     return np.concatenate(ends)
 
 

@@ -10,7 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from ogm_mcmc.arrays import AnyArray
+import numpy as np
+
+from ogm_mcmc.arrays import AnyArray, Float64Array
 from ogm_mcmc.geometry.pose import Pose2D, PoseBelief
 from ogm_mcmc.geometry.scan import Scan
 
@@ -50,6 +52,16 @@ class PlacedScan(NamedTuple):
         if particles is not None:
             arrays.extend(particles)
         return OBJECTS + sum(array.nbytes + ARRAY for array in arrays)
+
+    def along(self, beams: AnyArray, lengths_m: Float64Array) -> Float64Array:
+        """Return the points (2, ...) at so many metres (...) along beams of these indices, m."""
+        angles = self.pose.yaw_rad + self.scan.bearings()[beams]
+        return np.stack(
+            (
+                self.pose.x_m + lengths_m * np.cos(angles),
+                self.pose.y_m + lengths_m * np.sin(angles),
+            )
+        )
 
     def thinned(self, stride: int) -> PlacedScan:
         """Return every `stride`-th beam, the first among them; with 1 the scan itself."""

@@ -32,7 +32,15 @@ from ogm_mcmc.simulation import (
     record_exploration,
 )
 
-__all__ = ['BUILDINGS', 'OFFICE', 'TrueDrive', 'drive_through', 'images', 'prior_without']
+__all__ = [
+    'BUILDINGS',
+    'OFFICE',
+    'TrueDrive',
+    'drive_through',
+    'image_of',
+    'images',
+    'prior_without',
+]
 
 BUILDINGS = tuple(f'building-{number}' for number in range(1, len(FLOOR_PLANS) + 1))
 OFFICE = 'office'
