@@ -3,7 +3,7 @@
 import os
 import sys
 
-from ogm_mcmc.engine.signals import leave_on_signals, stop_a_little_later
+from ogm_mcmc.files.signals import leave_on_signals, stop_a_little_later
 
 __all__ = ['main']
 

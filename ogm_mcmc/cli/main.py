@@ -11,9 +11,9 @@ from typing import Any, NoReturn
 
 from ogm_mcmc import __version__
 from ogm_mcmc.cli.options import drop_output, path_argument
-from ogm_mcmc.engine.signals import leave_on_signals
 from ogm_mcmc.errors import OgmError
 from ogm_mcmc.files.saying import say
+from ogm_mcmc.files.signals import leave_on_signals
 
 __all__ = ['run']
 

@@ -45,12 +45,12 @@ from ogm_mcmc.engine.joint_poses import PoseRefinement, choose_joint
 from ogm_mcmc.engine.odometry import said_odometry
 from ogm_mcmc.engine.recording import Recording
 from ogm_mcmc.engine.refinement import Refinement
-from ogm_mcmc.engine.signals import interruptible
 from ogm_mcmc.engine.tiled_refinement import TiledRefinement
 from ogm_mcmc.engine.warm_up import warm_up_sampling
 from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.files.output_files import checked_name, makeable_folder
 from ogm_mcmc.files.saying import said_if_slow, said_if_stopped, say
+from ogm_mcmc.files.signals import interruptible
 from ogm_mcmc.geometry import GridMap, GridSpec, PlacedScan
 from ogm_mcmc.io.map_files import load_grid
 from ogm_mcmc.lab.cluster import DistantSampler, distribute

@@ -15,7 +15,6 @@ from ogm_mcmc.config import MapperConfig
 from ogm_mcmc.config.nodes import RefineSamplerConfig
 from ogm_mcmc.engine.compiling import uncollected
 from ogm_mcmc.engine.live_map import warm_up_mapping
-from ogm_mcmc.engine.signals import sigint_ignored
 from ogm_mcmc.engine.warm_up import (
     warm_up_chains,
     warm_up_changes,
@@ -23,6 +22,7 @@ from ogm_mcmc.engine.warm_up import (
     warm_up_maps,
     warm_up_sampling,
 )
+from ogm_mcmc.files.signals import sigint_ignored
 
 __all__ = ['add_to']
 

@@ -10,7 +10,8 @@ under a name of its own, then the image takes its usual name, and the YAML with 
 the YAML names an image that belongs to it. (To remove the old YAML first would be simpler; but a
 process killed in between, or a power cut, would leave a robot without any map.) What no order
 can give: a reader that has read the YAML and opens the image only after the switch finds the new
-image. All other files of a set are replaced before, one by one; each is whole by itself.
+image. All other files of a set are replaced before, one by one; each is whole by itself. Ctrl-C
+and a polite kill wait until a set is in its place.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ import yaml
 from ogm_mcmc.errors import PLAIN_NAME_EXPECTED, OutputError, is_plain_name
 from ogm_mcmc.files.input_files import text_of
 from ogm_mcmc.files.processes import host_name, lives
+from ogm_mcmc.files.signals import signals_later
 from ogm_mcmc.files.user_paths import possible_path
 from ogm_mcmc.files.yaml_files import parse_yaml
 
@@ -81,14 +83,15 @@ def replacing_set(folder: Path, name: str, without: Sequence[str] = ()) -> Itera
             write_through(scratch / one)
         described = f'{name}.yaml'
         image = _image_of(scratch / described) if described in made else None
-        for one in made:
-            if one not in (described, image):
-                os.replace(scratch / one, folder / one)
-        if described in made:
-            _switch(scratch, folder, described, image)
-        for one in set(without) - set(made):
-            (folder / one).unlink(missing_ok=True)
-        write_through(folder)
+        with signals_later():
+            for one in made:
+                if one not in (described, image):
+                    os.replace(scratch / one, folder / one)
+            if described in made:
+                _switch(scratch, folder, described, image)
+            for one in set(without) - set(made):
+                (folder / one).unlink(missing_ok=True)
+            write_through(folder)
 
 
 def _switch(scratch: Path, folder: Path, described: str, image: str | None) -> None:
@@ -147,10 +150,14 @@ def _said(path: Path) -> Iterator[None]:
 def scratch_folder(folder: Path) -> Iterator[Path]:
     """Yield a hidden folder inside of another; remove it in the end, and those of the dead."""
     _remove_leftovers(folder)
-    with tempfile.TemporaryDirectory(
+    made = tempfile.TemporaryDirectory(
         dir=folder, prefix=f'.ogm_mcmc-{host_name()}-{os.getpid()}-', ignore_cleanup_errors=True
-    ) as name:
-        yield Path(name)
+    )
+    try:
+        yield Path(made.name)
+    finally:
+        with signals_later():
+            made.cleanup()
 
 
 def _remove_leftovers(folder: Path) -> None:

@@ -13,9 +13,9 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
-from ogm_mcmc.engine.signals import NotedSignals
 from ogm_mcmc.errors import ConfigError, OgmError
 from ogm_mcmc.files.saying import say
+from ogm_mcmc.files.signals import NotedSignals
 
 __all__ = ['StopSignal', 'ros_args_explained', 'run_node']
 

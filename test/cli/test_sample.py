@@ -20,9 +20,9 @@ from ogm_mcmc.config import StopConfig, flatten, settings_of
 from ogm_mcmc.config.nodes import LEARNED, REFINE_CONFIGS
 from ogm_mcmc.engine.progress import Progress
 from ogm_mcmc.engine.refinement import Refinement
-from ogm_mcmc.engine.signals import leave_on_signals
 from ogm_mcmc.errors import OutputError
 from ogm_mcmc.evaluation.trajectories import absolute_errors
+from ogm_mcmc.files.signals import leave_on_signals
 from ogm_mcmc.geometry import PlacedScan, Pose2D, PoseBelief
 from ogm_mcmc.io.map_files import load_map, load_npz
 from ogm_mcmc.io.recording_bag import write_recording

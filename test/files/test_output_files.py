@@ -6,6 +6,7 @@ import json
 import os
 import platform
 import re
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -172,9 +173,6 @@ def save_until(folder, monkeypatch, steps):
         for name in ('replace', 'unlink', 'link', 'rename'):
             patch.setattr(os, name, counted(getattr(os, name)))
         patch.setattr('tempfile.TemporaryDirectory.cleanup', lambda self: self._finalizer.detach())
-        patch.setattr(
-            'tempfile.TemporaryDirectory.__exit__', lambda self, *_: self._finalizer.detach()
-        )
         save_map(NEW, folder, OUTPUT)
     return [*views, seen(folder)]
 
@@ -252,6 +250,47 @@ def test_a_process_that_dies_at_every_rename(tmp_path):
         assert len(hidden) == (code == 9)
         save_map(NEW, folder, OUTPUT)
         assert sorted(path.name for path in folder.iterdir()) == ['map.pgm', 'map.png', 'map.yaml']
+
+
+class Stopped(BaseException):
+    """What the handler of a polite signal raises."""
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_polite_stop_waits_until_the_set_is_in_its_place(tmp_path, monkeypatch, number):
+    """It comes before every rename and removal; only before the first is the old set left."""
+    heard = []
+
+    def stop(number, frame):
+        heard.append(number)
+        raise Stopped
+
+    def stop_before(step, steps, left):
+        def run(*args, **options):
+            left.append(step.__name__)
+            if len(left) == steps:
+                signal.raise_signal(number)
+            return step(*args, **options)
+
+        return run
+
+    before = signal.signal(number, stop)
+    try:
+        for steps in range(1, 20):
+            folder = tmp_path / str(steps)
+            save_map(OLD, folder, OUTPUT)
+            done = []
+            with monkeypatch.context() as patch, contextlib.suppress(Stopped):
+                for name in ('replace', 'unlink', 'rmdir'):
+                    patch.setattr(os, name, stop_before(getattr(os, name), steps, done))
+                save_map(NEW, folder, OUTPUT)
+            names = sorted(path.name for path in folder.iterdir())
+            assert (seen(folder), names) == ('new', ['map.pgm', 'map.png', 'map.yaml'])
+            assert len(heard) == min(steps, len(done))
+            assert signal.getsignal(number) is stop
+    finally:
+        signal.signal(number, before)
+    assert 5 <= len(heard) < 19
 
 
 def test_a_set_of_other_files_and_those_that_are_not_of_it(tmp_path):

@@ -27,9 +27,9 @@ from tqdm import tqdm
 
 from ogm_mcmc import __version__
 from ogm_mcmc.engine.prior_files import default_prior_file
-from ogm_mcmc.engine.signals import signals_later
 from ogm_mcmc.errors import ConfigError, OgmError
 from ogm_mcmc.files.output_files import replacing, writable_folder
+from ogm_mcmc.files.signals import signals_later
 from ogm_mcmc.lab.experiments.worker_pool import worker_pool
 
 __all__ = [

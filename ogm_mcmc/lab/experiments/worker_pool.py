@@ -27,7 +27,7 @@ from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from typing import ParamSpec, TypeVar
 
-from ogm_mcmc.engine.signals import signals_later
+from ogm_mcmc.files.signals import signals_later
 
 __all__ = ['worker_pool']
 

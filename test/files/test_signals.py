@@ -58,7 +58,7 @@ def test_an_ignored_interrupt_stays_ignored():
     code = (
         'import os, signal\n'
         'signal.signal(signal.SIGINT, signal.SIG_IGN)\n'
-        'from ogm_mcmc.engine.signals import leave_on_signals\n'
+        'from ogm_mcmc.files.signals import leave_on_signals\n'
         'leave_on_signals()\n'
         'os.kill(os.getpid(), signal.SIGINT)\n'
         "print('still here')\n"

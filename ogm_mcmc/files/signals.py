@@ -106,7 +106,11 @@ def interruptible() -> Iterator[threading.Event]:
 
 @contextlib.contextmanager
 def signals_later() -> Iterator[None]:
-    """Let SIGINT and SIGTERM wait until the end of this; outside of the main thread, nothing."""
+    """Let SIGINT and SIGTERM wait until the end of this; outside of the main thread, nothing.
+
+    A signal that Python does not handle is left alone, since what handles it (rclpy, by its
+    default, in C) could not be put back.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -115,12 +119,15 @@ def signals_later() -> Iterator[None]:
     def note(number: int, _frame: FrameType | None) -> None:
         came.append(number)
 
-    before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
+    handlers = {one: signal.getsignal(one) for one in (signal.SIGINT, signal.SIGTERM)}
+    before = {one: handler for one, handler in handlers.items() if callable(handler)}
+    for number in before:
+        signal.signal(number, note)
     try:
         yield
     finally:
         for number, handler in before.items():
-            signal.signal(number, signal.SIG_DFL if handler is None else handler)
+            signal.signal(number, handler)
         if came:
             signal.raise_signal(came[0])
 
