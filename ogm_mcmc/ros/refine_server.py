@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import sys
-import time
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -28,10 +26,10 @@ from ogm_mcmc.config.nodes import (
     RefineServerConfig,
     refine_settings_agree,
 )
-from ogm_mcmc.engine.correction_rhythm import CorrectionRhythm
-from ogm_mcmc.engine.corrections import Corrected, Corrector, Nodes
+from ogm_mcmc.engine.corrections import Corrected, Nodes
 from ogm_mcmc.engine.recording import Recording
 from ogm_mcmc.engine.refined_map import RefinedMap
+from ogm_mcmc.engine.sampling_orders import SamplingOrders
 from ogm_mcmc.engine.saved_map import save_refined, saved_text
 from ogm_mcmc.engine.warm_up import warm_up_collisions, warm_up_poses, warm_up_sampling
 from ogm_mcmc.engine.worker import RefineWorker
@@ -91,8 +89,6 @@ class RefineServer(ManagedNode):
             self.record,
         )
         check_installed(self.intake.settings.trajectory_source)
-        self.corrector = Corrector()
-        self.rhythm = CorrectionRhythm()
         self.corrected: TrajectoryIntake | None = None
         self.collisions: CollisionAnswers | None = None
         self.odometry = OdometryIntake(self, self.intake, self.poses)
@@ -107,12 +103,11 @@ class RefineServer(ManagedNode):
             log=self.get_logger().info,
             warn=self.get_logger().warning,
         )
+        self.orders = SamplingOrders(self.worker, self.recording, self.scans_now, self.stop)
         self.maps = RefinedMaps(self, self.map_frame, self.output, self.shown)
         self.trajectory = TrajectoryPublisher(self)
         self.diagnostics = Diagnostics(self, 'refining')
         self._reported_error = self._reported_lack = ''
-        self._sampled_until = self.stop
-        self._until = 0.0  # on the monotonic clock: corrections start nothing after that
         self.create_service(Trigger, '~/refine', self.on_refine)
         self.create_service(Trigger, '~/stop', self.on_stop)
         self.create_service(Trigger, '~/clear', self.on_clear)
@@ -143,15 +138,14 @@ class RefineServer(ManagedNode):
 
     def end(self) -> None:
         """End sampling; the recording and the last map stay."""
-        self.worker.stop()
-        self.rhythm.end()
+        self.orders.stop()
         self.intake.clear()
 
     def tear_down(self) -> None:
         """Forget recording, chains and map."""
         self.worker.close()
         del self.worker, self.recording, self.maps, self.intake, self.odometry
-        del self.corrector, self.corrected, self.collisions
+        del self.orders, self.corrected, self.collisions
 
     def map_frame(self) -> str:
         """Return the frame of maps and poses; of odometry it is known when that comes."""
@@ -176,31 +170,12 @@ class RefineServer(ManagedNode):
     def record(self, placed: PlacedScan) -> None:
         """Record a placed scan; raises GridError when no window can hold it."""
         self.recording.add(placed)
-        self.corrector.note(placed)
+        self.orders.corrector.note(placed)
         self.odometry.want(placed)
 
     def correct(self, nodes: Nodes) -> Corrected:
         """Place the recorded scans anew; sampling in progress goes on with them, warm."""
-        scans = self.recording.snapshot()
-        corrected = self.corrector.applied(scans, nodes, self.sampler.window.resolution)
-        if corrected.moved:
-            self.recording.replace(corrected.scans)
-            self.rhythm.moved(time.monotonic(), sampling=self.worker.wanted)
-            self.sample_corrected()
-        return corrected
-
-    def sample_corrected(self) -> None:
-        """Go on with corrected scans, not more often than leaves time to sample."""
-        now = time.monotonic()
-        left = self._until - now
-        if self.rhythm.due(now) and self.worker.wanted and left > 0.0:
-            self.rhythm.goes_on(now)
-            self._order(self.scans_now(), replace(self._sampled_until, max_time=left))
-
-    def _order(self, scans: list[PlacedScan], stop: StopConfig) -> bool:
-        """Have scans sampled; return whether something else is stopped for it."""
-        settled = self.rhythm.ordered(time.monotonic())
-        return self.worker.refine(scans, stop, self.recording, settled=settled)
+        return self.orders.correct(nodes, self.sampler.window.resolution)
 
     def scans_now(self) -> list[PlacedScan]:
         """Return the recorded scans, without codes that were found since they came."""
@@ -215,7 +190,7 @@ class RefineServer(ManagedNode):
         self.odometry.adapt()
         if self.corrected is not None:
             self.corrected.adapt()
-        self.sample_corrected()
+        self.orders.sample_corrected()
         if self.worker.failure is not None:
             raise self.worker.failure
         self.publish_maps()
@@ -252,8 +227,9 @@ class RefineServer(ManagedNode):
         new_error = status.error != self._reported_error
         self._reported_error = status.error
         message = self.compiling or f'{len(recording)} scans recorded, {status.state}'
-        stop, lacking = self._sampled_until, disagreement(status, self._sampled_until)
-        details = lacking or progress_text(status, stop) or status.stopped
+        limits = self.orders.limits
+        lacking = disagreement(status, limits)
+        details = lacking or progress_text(status, limits) or status.stopped
         if details:
             message += f' ({details})'
         if lacking and lacking != self._reported_lack:
@@ -290,25 +266,21 @@ class RefineServer(ManagedNode):
     def _sample(self) -> str:
         """Order the recorded scans to be sampled; return what is said of it."""
         status = self.worker.status
-        last = disagreement(status, self._sampled_until)
-        scans = self.scans_now()
+        last = disagreement(status, self.orders.limits)
+        replaced = self.orders.sample(self.stop)
         text = order_text(
-            len(scans),
+            len(self.recording),
             self.recording.size.rays,
             self.stop,
             status.chain_sweeps,
             bool(self.settings.state_file),
         )
-        self._sampled_until = self.stop
-        self._until = time.monotonic() + self.stop.max_time
-        replaced = self._order(scans, self.stop)
         text += ', instead of those before' if replaced else ''
         return text + (f'; the last one {last}' if last else '')
 
     def on_stop(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """End sampling; the last map is published as soon as the sweep is over."""
-        stopped = self.worker.stop()
-        self.rhythm.end()
+        stopped = self.orders.stop()
         response.success = True
         response.message = 'stopping' if stopped else 'was not sampling'
         return response
@@ -317,10 +289,8 @@ class RefineServer(ManagedNode):
         """Forget the recorded scans, the poses and the refined map; publish an empty one."""
         forgotten = len(self.recording)
         self.intake.clear(forgotten + self.recording.let_go.total())
-        self.worker.clear()
-        self.rhythm.clear()
+        self.orders.clear()
         self.recording.clear()
-        self.corrector.clear()
         self.odometry.clear()
         self.maps.clear(self.sampler.window.resolution)
         self.trajectory.clear(self.intake.settings.map_frame)

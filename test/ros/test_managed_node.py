@@ -159,7 +159,7 @@ def test_what_the_active_node_made_is_gone_when_it_is_not():
     ('make', 'held'),
     [
         (OnlineMapper, ('intake', 'pipeline', 'kept', 'trajectory')),
-        (RefineServer, ('intake', 'odometry', 'recording', 'corrector', 'collisions', 'worker')),
+        (RefineServer, ('intake', 'odometry', 'recording', 'orders', 'collisions', 'worker')),
     ],
 )
 def test_what_was_taken_in_is_let_go_by_a_cleanup(monkeypatch, make, held):

@@ -16,7 +16,6 @@ from std_srvs.srv import Trigger
 from support.local_ros import Logs, local_node, odometry, pose, scan
 from support.strategies import fan
 
-from ogm_mcmc.engine.correction_rhythm import CORRECTING_S, QUIET_S
 from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.geometry import PlacedScan, PoseBelief, PoseSamples
 from ogm_mcmc.ros.online_mapper import OnlineMapper
@@ -146,52 +145,20 @@ def test_the_window_of_refine_server_follows_and_bad_messages_are_said():
         assert node.corrected.values()['trajectories received'] == 7
 
 
-def test_sampling_goes_on_with_corrected_scans_but_is_not_kept_from_it(monkeypatch):
-    """A trajectory a second: the first one counts at once, the next ones together."""
+def test_sampling_goes_on_with_corrected_scans(monkeypatch):
+    """When it does, and for how long: see `test_sampling_orders`."""
     chosen = parameters(window__resolution=0.1, patch__size=1, patch__prior='uniform')
     with local_node(RefineServer, parameter_overrides=chosen) as node:
         walk(node)
-        orders, limits, joint, wanted = [], [], [], [True]
-
-        def refine(scans, stop, kept, settled):
-            assert kept is node.recording
-            orders.append(scans)
-            limits.append(stop.max_time)
-            joint.append(settled)
-
-        monkeypatch.setattr(type(node.worker), 'wanted', property(lambda worker: wanted[0]))
-        monkeypatch.setattr(node.worker, 'refine', refine)
-        node._until = time.monotonic() + 30.0
-        for y in (0.5, 1.0, 1.5):
-            node.corrected.on_path(path([(float(k), 0.1 * k, y, 0.0) for k in range(1, SCANS)]))
-        assert [round(scans[0].pose.y_m, 2) for scans in orders] == [0.5]
-        assert round(node.recording.snapshot()[0].pose.y_m, 2) == 1.5
-        node.rhythm._went_on_s -= CORRECTING_S
-        node.sample_corrected()
-        assert [round(scans[0].pose.y_m, 2) for scans in orders] == [0.5, 1.5]
-        # What `~/refine` said of its time holds, however often scans are corrected.
-        assert 0.0 < limits[1] <= limits[0] <= 30.0
-        node.corrected.on_path(path([(1.0, 0.0, 0.7, 0.0), (9.0, 0.0, 0.7, 0.0)]))
-        node.rhythm._went_on_s -= CORRECTING_S
-        node._until = time.monotonic() - 1.0
-        node.sample_corrected()
-        assert len(orders) == 2
-        # Nothing is sampled that nobody asked for, or that was stopped.
-        node._until = time.monotonic() + 30.0
-        wanted[0] = False
-        node.rhythm._went_on_s -= CORRECTING_S
-        node.corrected.on_path(CORRECTED)
-        assert len(orders) == 2
-        # Poses are not estimated while a trajectory moves scans, but once it is quiet.
-        assert joint == [False, False]
-        wanted[0] = True
-        node.sample_corrected()
-        assert len(orders) == 2
+        ordered = []
+        monkeypatch.setattr(type(node.worker), 'wanted', property(lambda worker: bool(ordered)))
+        monkeypatch.setattr(
+            node.worker, 'refine', lambda scans, *_, **__: ordered.append(scans[0].pose.y_m)
+        )
         node.on_refine(None, Trigger.Response())
-        node.rhythm._moved_s -= QUIET_S
-        for _ in range(3):
-            node.sample_corrected()
-        assert joint[2:] == [False, True]
+        node.corrected.on_path(path([(float(k), 0.1 * k, 0.5, 0.0) for k in range(1, SCANS)]))
+        node.on_housekeeping()
+        assert ordered == pytest.approx([0.05, 0.5])
 
 
 def test_maps_and_answers_are_in_the_frame_that_odometry_names():
