@@ -18,6 +18,7 @@ from ogm_mcmc.arrays import UInt8Array
 from ogm_mcmc.errors import WindowError
 from ogm_mcmc.files.npz_files import TEXT, Field, NpzFile, npz_file
 from ogm_mcmc.sampling import PosteriorModel, PosteriorSampler
+from ogm_mcmc.sampling.burn_in import decides_after
 from ogm_mcmc.sampling.diagnostics import BatchCounts
 from ogm_mcmc.sampling.gibbs_kernels import PARTS
 
@@ -161,7 +162,7 @@ def _take_focus(held: NpzFile, sampler: PosteriorSampler, after: list[int]) -> N
     if len(after) not in (0, len(sampler.states)):
         raise ValueError(f'decided in {len(after)} chains: expected all or none')
     for j, decided in enumerate(after):
-        if decided >= sampler.sweeps or not sampler.decides_after(decided):
+        if decided >= sampler.sweeps or not decides_after(sampler.burn_in, decided):
             raise ValueError(f'decided after {decided} sweeps: expected the burn-in')
         n = 2 * sampler.model.touched.size
         packed = held.read(f'focus_{j}', Field('u', ((n + 7) // 8,)))

@@ -18,7 +18,7 @@ a pair, so that one look fetches both. Next hits are found by walking on along t
 
 Consequence. A sweep costs what is in doubt, not what was seen. Full evaluation of every pair is
 gone, so conditional probabilities are not at hand, but for cells of patches that are in doubt,
-where they are counted (Rao-Blackwell, see `patch_gibbs`); of all others counts of maps are.
+where they are counted (Rao-Blackwell, see `patch_places`); of all others counts of maps are.
 
 What was tried, one thread, best of nine in one process, on a machine busy with other things; scene
 (gaussian, cut at 4 sigma, 0.80 million pairs) and Intel 5 cm (beam, 12.6), 2 cm (31.3), ms a

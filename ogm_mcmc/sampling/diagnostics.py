@@ -6,6 +6,7 @@ Everything is computed from how often a cell was occupied in each of several bat
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -175,7 +176,7 @@ def split_r_hat(means: Float64Array, length: int) -> Float32Array:
     return result
 
 
-def assess(chains: list[BatchCounts]) -> ChainQuality | None:
+def assess(chains: Sequence[BatchCounts]) -> ChainQuality | None:
     """Judge chains of equal length; None while a batch is one sweep (fewer than 16 sweeps).
 
     R-hat compares the first and the last half of every chain, of many chains those of two groups
@@ -206,7 +207,7 @@ def assess(chains: list[BatchCounts]) -> ChainQuality | None:
     return ChainQuality(r_hat, ess, mcse, mean, draws, len(chains))
 
 
-def _extremes(chains: list[BatchCounts]) -> tuple[AnyArray, AnyArray]:
+def _extremes(chains: Sequence[BatchCounts]) -> tuple[AnyArray, AnyArray]:
     """Return the lowest and the highest count (C,) of all full batches."""
     lowest = np.min([chain.batches().min(axis=0) for chain in chains], axis=0)
     highest = np.max([chain.batches().max(axis=0) for chain in chains], axis=0)
@@ -274,7 +275,7 @@ def _errors(mean: Float64Array, ess: Float64Array) -> Float64Array:
     return errors
 
 
-def later_mean(chains: list[BatchCounts]) -> Float32Array:
+def later_mean(chains: Sequence[BatchCounts]) -> Float32Array:
     """Return the mean (C,) of the later two thirds of chains, see `later_halves`."""
     half = _half(chains[0])
     total = np.zeros(chains[0].counts.shape[1])
@@ -284,7 +285,7 @@ def later_mean(chains: list[BatchCounts]) -> Float32Array:
     return total.astype(np.float32)
 
 
-def later_halves(chains: list[BatchCounts], cells: Int64Array) -> tuple[Float64Array, int]:
+def later_halves(chains: Sequence[BatchCounts], cells: Int64Array) -> tuple[Float64Array, int]:
     """Return means (2 n, S) of two halves of the later two thirds of n chains, and their length.
 
     Of some `cells` (S,), all there are would take much memory. The chains are of equal length, of

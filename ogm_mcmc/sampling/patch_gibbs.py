@@ -1,5 +1,8 @@
 """Gibbs sampling of patches of cells, with a prior learned from maps ([patch] Algorithm 1).
 
+Where patches lie, how often each is drawn and of which cells probabilities are counted is in
+`patch_places`, how long a burn-in is in `burn_in`.
+
 Design note: sampling with a table that lists a few patterns
 ------------------------------------------------------------
 Context. Given its border, a patch has one or a few probable patterns; the table gives all others
@@ -74,109 +77,6 @@ turns. Intel, from one state, 128 sweeps of both chains, processor time, busy: 1
 Conditionals of patches need not agree, so the share might change what maps are drawn: it does not.
 Means of 128 sweeps of two runs with 1/4, two with 1/16, 7250 cells: differences of .078 and .077
 (rms) within, .074 to .083 between the shares; |z| above 3 in .34 and .43, .29 to .50 %.
-
-Design note: cells in doubt
----------------------------
-Context. Intel, 5 cm, 910 scans, processor time of one chain on a busy machine, after 114 sweeps. A
-full sweep takes 121 ms: 22 800 patches, 75 ms for cells one by one (of 192 000 the prior and what
-rays can add at most decide 79 000 without a look; the others read 2.1 million near pairs, 35 to 60
-ns each, half of which stop in front of the cell), the rest for whole patches. A sweep where doubt
-is took 51 ms: 2 900 patches with doubt, 26 000 cells, of which 7 000 are in doubt, 42 ms; 3 700 of
-the others, 9 to 17. Nearly all of the 22 000 flips of a full sweep are of cells behind surfaces.
-
-Decision. Patches with doubt are drawn in every sweep, all nine cells, the others in one of
-`DULL_TURNS`, as before. The burn-in looks where doubt is from its ninth sweep on; where that is it
-decides, once and for all, before a sweep counts (`PosteriorSampler`). Of cells that move, and
-those beside one, an early exit saves nothing, so in patches with doubt their log-odds are summed
-up in full, and the probability is counted in place of what was drawn with it (Rao-Blackwell: the
-same mean, less variance), in parts of 1/64, rounded up or down at random so that the mean is
-right. What is drawn is what it was; each cell is drawn by itself once in a sweep, so that holds
-whether or not the conditionals of patches agree on one joint distribution.
-
-R-hat and effective samples are computed as before, from these counts: the variance between means
-of chains is that of the estimates there are, that within a chain that of a cell that is occupied
-with their mean, p (1 - p). Effective samples are what independent draws would have the variance of
-the estimate, and still count no more than the draws: it is a bound that half of the cells reach.
-
-Consequence. Intel, 64 counted sweeps from the same starts, both chains, processor time with ten
-programs on two cores, informed cells that agree; effective samples are the median:
-
-==============================================  =======  ==========  ======  ====
-                                                burn-in  64 sweeps   agree   ess
-==============================================  =======  ==========  ======  ====
-before, burn-in 50                              13 s     9 s         .9930   60
-only moving cells, burn-in 24, draws counted    4.9      5.3         .9887   33
-the same and all nine cells                     5.4      7.6         .9908   50
-moving cells, probabilities counted             --       6.6         .9913   55
-**and those beside these**                      5.4      7.7         .9952   112
-and patches with cells beside these             5.7      9.4         .9956   121
-==============================================  =======  ==========  ======  ====
-
-The table is of before: where only moving cells, or those beside, were drawn the others of all
-patches came in one of eight turns. That is no more: its gain is bought with pockets behind walls
-that dissolve slowly. In a thin-walled room (100 sweeps, 22 seeds) 4 maps showed cells beyond the
-wall with 1/8, none where all cells of patches with doubt are drawn and none before.
-
-Of before as well, with 1/8 and a focus that followed the counts: `bench refine` had 108 effective
-samples and .9949 after 62 counted sweeps; in the same 64 sweeps probabilities had 1.6 times the
-effective samples of draws (96, 57). Figures of today: docs/results.md, "Refine".
-Tried without gain: patches drawn whole in a tenth of the turns (7.3 s, ess 106, and a burn-in that
-ends 300 nats lower); settled ones in one of 16 turns (6.5 s, ess 96, .9944); patches in square
-blocks of 8 to 64 cells in place of rows (the same time; in random order 1.4 times). Not done:
-places of first hits as 16 bits, apart from likelihoods, which would fit the second cache: 320 KB
-in place of 1.3 MB.
-
-Tried later, Intel, from one state after 50 sweeps, 128 sweeps of both chains that count, on a busy
-machine: single cells that flip with min(1, odds of the other state) in place of their conditional
-(Liu 1996): twice the flips, as many effective samples (209, 205); patches in doubt drawn whole in
-.6 of the turns: 228 instead of 205, in 1.25 times the time. It is not the single cell that mixes
-slowly. Without gain in time, with the same draws, bit for bit: a loop of its own for near pairs
-(0 to 10 %), the next list begun where the last search ended (0), rays numbered by where they end,
-so that those of a patch lie together (0 to 10 %, and 2 to 6 bytes a ray). What lies behind rays
-that end in the cell took 10 of the 25 ms of single cells: now kept, see `gibbs_kernels`.
-
-Design note: a burn-in that ends
---------------------------------
-Context. Half of the time until Intel agreed was burn-in, and chains agreed at nearly the first
-look afterwards. Ended by the likelihood it would never end: that still rises after 128 sweeps, by
-patterns at surfaces and by solid space behind walls that fills, of which no ray tells.
-
-Decision. At the half of the burn-in and each eighth after that R-hat looks at two halves of the
-later two thirds of its sweeps, of many chains at those of two groups (`in_groups`); where it is
-below 1.05 in 99 % of the informed cells, the burn-in ends with the next focus, two sweeps later.
-It is done whole where agreement says nothing: of one chain, of chains from a given map or that go
-on, of single cells with a `start` other than `dispersed`. Of patches any start is forgotten first.
-
-Few draws disagree by chance more often than by themselves, so it errs on the long side: of Intel
-.990 agree after 23 sweeps, .992 after 30, .993 after 50. The focus is decided after 8 sweeps for
-the first time, not 16: a sweep that draws everything takes twice as long.
-
-Consequence. Intel, 910 scans, both chains, processor time, a busy machine, pairs: agreement after
-17.1 s and 89 sweeps instead of 22.2 s and 114 (starts included). With a burn-in of 24
-sweeps 64 counted ones had 105 effective samples, with 50 126: the first are those that drift, so
-per second they are as many. Even beams, judged by every third scan's odd ones, after 64 counted
-sweeps: 1.058 nats (43 of burn-in), with 50 1.061.
-
-What it cannot show: of patches starts of all kinds are `forgotten` before the first sweep, in what
-readings ask for, so that chains begin nearly alike. There it tells chains that settled in
-different places, and halves of one chain that drift apart, not a drift that all have in common and
-that is slow beside a third of the burn-in. So means of 64 counted sweeps were compared, Intel, 910
-scans, two chains of each seed, burn-ins of 50 that may not end (two seeds) and that may (three,
-all ended after 25), in the 7000 cells whose mean is between .01 and .99; z is the difference by
-both standard errors:
-
-===================  ==================  ==============  =============  =======================
-pairs of burn-ins    difference (rms)    z beyond 2, %   beyond 3, %    mean of the differences
-===================  ==================  ==============  =============  =======================
-50, 50 (1)           .104                3.2             .66            -.0001
-50, 25 (3)           .109, .110, .113    2.9, 2.9, 3.6   .64, .70, .77  .0017, .0030, .0006
-25, 25 (3)           .105, .118, .112    2.6, 3.6, 2.9   .47, .88, .65  .0012, -.0005, -.0018
-===================  ==================  ==============  =============  =======================
-
-Short and full ones are as far apart as two seeds of either; the log-likelihoods of the last maps,
-156 617 and 156 774 nats with 50, 156 653 to 156 685 with 25, are so, too. That few cells are
-further off than errors say, as two full ones also are, is not the burn-in's. Every third scan, two
-seeds: chains agreed at no look, and the burn-in was done whole.
 
 Design note: what a sweep costs
 -------------------------------

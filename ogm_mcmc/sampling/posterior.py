@@ -11,17 +11,17 @@ from numpy.random import Generator
 
 from ogm_mcmc.arrays import AnyArray, BoolArray, Float32Array, UInt8Array
 from ogm_mcmc.errors import require
-from ogm_mcmc.sampling.cell_gibbs import GibbsState
-from ogm_mcmc.sampling.diagnostics import (
-    BatchCounts,
-    ChainQuality,
-    agreeing_share,
-    assess,
-    in_groups,
-    later_halves,
-    later_mean,
-    split_r_hat,
+from ogm_mcmc.sampling.burn_in import (
+    FRESH,
+    LEAST_BURN_IN,
+    agreement,
+    decides_after,
+    draws_everything,
+    end_looks,
+    ends_with,
 )
+from ogm_mcmc.sampling.cell_gibbs import GibbsState
+from ogm_mcmc.sampling.diagnostics import BatchCounts, ChainQuality, assess
 from ogm_mcmc.sampling.first_hits import HitsBefore
 from ogm_mcmc.sampling.gibbs_kernels import NO_CHANCE, PARTS, add_occupied
 
@@ -32,24 +32,6 @@ ARRIVES = 0.5
 
 SETTLED = 0.002
 """A cell this near to 0 or 1 is drawn seldom."""
-
-LEAST_LOOK = 8
-"""What is settled is not told by fewer sweeps."""
-
-FRESH = 2
-"""So many sweeps draw everything after the last change of the focus, before any counts."""
-
-END_LOOKS = (4, 5, 6, 7)
-"""After so many eighths of a burn-in chains are asked whether it may end."""
-
-LEAST_BURN_IN = 40
-"""A shorter one is done whole."""
-
-LEAST_AGREEING = 5
-"""The later part of fewer sweeps has no two halves of two each: one draw does not vary."""
-
-AGREEING = 1.05, 0.99
-"""R-hat of so many of the informed cells is below this where a burn-in may end."""
 
 
 class PosteriorModel(Protocol):
@@ -164,7 +146,7 @@ class PosteriorSampler:
     in all counted sweeps the same, which leaves the posterior as it is. A burn-in of fewer than
     ten sweeps tells too little: all sweeps draw everything. Of cells that move the probability
     that they were drawn with is counted, not what was drawn; see the design note of
-    `ogm_mcmc.sampling.patch_gibbs`.
+    `ogm_mcmc.sampling.patch_places`.
 
     `hits` of each chain are what rays hit first on a map of before, see `HitsBefore`.
 
@@ -222,31 +204,20 @@ class PosteriorSampler:
 
     def _end_looks(self) -> list[int]:
         """Return after how many sweeps it is decided whether the burn-in ends two later."""
-        if not self.may_end or self.sweeps >= self.burn_in:
-            return []
-        return [self.burn_in * eighths // 8 - FRESH for eighths in END_LOOKS]
+        return end_looks(self.burn_in) if self.may_end and self.sweeps < self.burn_in else []
 
     def _end_burn_in(self) -> None:
         """Let the burn-in end after the sweeps of the last focus, if the chains agree by now."""
-        if not self.may_end:
-            return  # it did at an earlier look
-        limit, share = AGREEING
-        if self.settling_share(limit) >= share:
+        # It may have ended at an earlier look.
+        if self.may_end and ends_with(self.settling, self._informed):
             self.burn_in, self.may_end = self.sweeps + FRESH, False
 
     def settling_share(self, limit: float) -> float:
-        """Return the share of informed cells with R-hat below a limit in the burn-in.
+        """Return the share of informed cells with R-hat below a limit in the burn-in so far.
 
-        Of the later two thirds of its sweeps, of many chains those of two groups, as counted
-        sweeps are judged (`in_groups`); 0 while these are fewer than four and once they are let
-        go. It says how far chains have come, and is no result: results are of counted sweeps.
+        See `agreement`; 0 once sweeps of the burn-in are let go.
         """
-        if not self.settling or self.settling[0].full < LEAST_AGREEING:
-            return 0.0
-        arrives = self.arrival(later_mean(self.settling))[self.model.touched] >= ARRIVES
-        halves, length = later_halves(self.settling, np.flatnonzero(arrives))
-        means, together = in_groups(halves)
-        return agreeing_share(split_r_hat(means, length * together), limit)
+        return agreement(self.settling, self._informed, limit)
 
     def maps(self) -> list[UInt8Array]:
         """Return every chain's present map (K,)."""
@@ -275,24 +246,18 @@ class PosteriorSampler:
 
     def _focus_of(self, chain: int, done: int) -> Any:
         """Return what the sweep after so many looks at most, None when it draws everything."""
-        if self.decides_after(done):
+        if decides_after(self.burn_in, done):
             told = self.settling[chain]
             first = told.full // 4
             parts = told.counts[first : told.full + 1].sum(axis=0, dtype=np.int64)
             parts_of_one = PARTS * (told.n_sweeps - first * told.batch_length)
             mean = (parts / parts_of_one).astype(np.float32)
             moving = (mean > SETTLED) & (mean < 1.0 - SETTLED)
-            arrives = self.arrival(mean)[self.model.touched] >= ARRIVES
-            self.look_at(chain, done, np.stack((moving & arrives, moving)))
+            self.look_at(chain, done, np.stack((moving & self._informed(mean), moving)))
         focus = self.focus.get(chain)
-        if focus is None or self.burn_in - FRESH <= done < self.burn_in:
+        if focus is None or draws_everything(self.burn_in, done):
             return None
         return focus.places
-
-    def decides_after(self, done: int) -> bool:
-        """Whether it is decided after so many sweeps where to look most: in the burn-in only."""
-        last = self.burn_in - FRESH
-        return LEAST_LOOK <= done == last or (LEAST_LOOK <= done < last and done.bit_count() == 1)
 
     def look_at(self, chain: int, after: int, cells: BoolArray) -> None:
         """Let a chain look most at these of the touched cells, see `Focus`."""
@@ -350,6 +315,11 @@ class PosteriorSampler:
         probability[model.touched] = mean
         return model.arrival(probability, ARRIVES)
 
+    def _informed(self, mean: Float32Array) -> BoolArray:
+        """Return which of the touched cells (C,) a ray arrives at, given their mean (C,)."""
+        informed: BoolArray = self.arrival(mean)[self.model.touched] >= ARRIVES
+        return informed
+
     def informed_quality(self) -> ChainQuality | None:
         """Judge the chains by the cells at which a ray arrives that tells anything of them.
 
@@ -359,7 +329,7 @@ class PosteriorSampler:
         quality = self.quality()
         if quality is None:
             return None
-        return quality.of(self.arrival(quality.mean)[self.model.touched] >= ARRIVES)
+        return quality.of(self._informed(quality.mean))
 
     def log_likelihoods(self) -> list[float]:
         """Log p(z | m) of every chain's present map, nats."""

@@ -18,7 +18,7 @@ from ogm_mcmc.engine.saved_chains import (
 )
 from ogm_mcmc.errors import WindowError
 from ogm_mcmc.geometry import PlacedScan, Pose2D
-from ogm_mcmc.sampling import CellModel, RayWindow, posterior
+from ogm_mcmc.sampling import CellModel, RayWindow, burn_in
 from ogm_mcmc.sampling.gibbs_kernels import PARTS
 from ogm_mcmc.sampling.informed import near
 from ogm_mcmc.sampling.posterior import ARRIVES, SETTLED
@@ -65,7 +65,7 @@ def test_where_sweeps_look_most_is_the_same_after_saving(tmp_path, burn_in, save
 
 @pytest.mark.parametrize('saved_at', [100, 198, 199, 230, 260])
 def test_a_burn_in_ends_alike_after_saving(tmp_path, saved_at, monkeypatch):
-    monkeypatch.setattr(posterior, 'AGREEING', (1.2, 0.9))
+    monkeypatch.setattr(burn_in, 'AGREEING', (1.2, 0.9))
     whole, first = (sampler_of(patch_model(), burn_in=400, may_end=True) for _ in range(2))
     whole.advance(300)
     assert whole.counted > 0

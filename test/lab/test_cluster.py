@@ -32,7 +32,7 @@ from ogm_mcmc.lab.experiments import run_all
 from ogm_mcmc.lab.parcels import unpack
 from ogm_mcmc.lab.tile_cluster import ClusterTiles
 from ogm_mcmc.lab.workers import connected
-from ogm_mcmc.sampling import posterior
+from ogm_mcmc.sampling import burn_in
 from ogm_mcmc.simulation import WORLDS, Lidar, record
 
 STOP = StopConfig(max_sweeps=120, max_time=1e6, r_hat=0.0)
@@ -146,7 +146,7 @@ def test_any_executor_gives_what_local_chains_give(scans, local, monkeypatch):
 
 @pytest.mark.jit
 def test_a_burn_in_ends_early_as_that_of_local_chains(scans, monkeypatch):
-    monkeypatch.setattr(posterior, 'AGREEING', (1.2, 0.9))
+    monkeypatch.setattr(burn_in, 'AGREEING', (1.2, 0.9))
     chain = replace(config().chain, chains=2, burn_in=40)
     here, there = (Refinement(replace(config(), chain=chain)) for _ in range(2))
     for refinement in (here, there):

@@ -5,12 +5,15 @@ import numpy as np
 from ogm_mcmc.config import ForwardModelConfig, WindowConfig
 from ogm_mcmc.geometry import PlacedScan, Pose2D
 from ogm_mcmc.sampling import CellModel, PosteriorSampler, RayWindow
+from ogm_mcmc.sampling.cell_gibbs import GibbsState
+from ogm_mcmc.sampling.gibbs_kernels import PARTS
 from ogm_mcmc.sampling.patch_gibbs import PatchModel
+from ogm_mcmc.sampling.patch_places import DULL_TURNS
 from ogm_mcmc.sampling.patch_prior import make_table
 from ogm_mcmc.sampling.ray_index_kernels import WIDTH
 from support.strategies import fan
 
-__all__ = ['assert_same', 'patch_model', 'sampler_of', 'small_model']
+__all__ = ['LoneCells', 'assert_same', 'patch_model', 'sampler_of', 'small_model']
 
 
 def small_model(order='fixed', *, reading=1.6, prior=0.3):
@@ -38,6 +41,38 @@ def patch_model():
     table = make_table('uniform', 9, p_occupied=0.3)
     width = int(cell_model.index.grid[WIDTH])
     return PatchModel(cell_model.index, width, table, margin=1, flip_cells=True)
+
+
+class LoneCells:
+    """Cells (C,) that nothing holds together, each a patch of its own; drawn as patches are.
+
+    As many chains of one cell: those that `focus` puts off come in one of eight sweeps, the
+    others are drawn with a probability that is told.
+    """
+
+    def __init__(self, probability):
+        self.probability = probability
+        self.n_cells = probability.size
+        self.touched = np.arange(probability.size, dtype=np.int32)
+
+    def start(self, cells):
+        return GibbsState(cells.copy(), np.zeros(0))
+
+    def focus(self, in_doubt, moving):
+        return in_doubt | moving
+
+    def arrival(self, probability, least):
+        return np.ones_like(probability)
+
+    def advance(self, rng, state, *, settling=False, focus=None, chances=None):
+        drawn = np.full(self.n_cells, True)
+        if focus is not None:
+            drawn = focus | (rng.integers(0, DULL_TURNS, self.n_cells) == 0)
+            parts = np.floor(self.probability * PARTS + rng.random(self.n_cells))
+            chances[focus] = parts[focus].astype(np.uint8)
+        new = rng.random(self.n_cells) < self.probability
+        state.cells[drawn] = new[drawn]
+        return 0
 
 
 def assert_same(one, other):
