@@ -29,6 +29,7 @@ COMMANDS = {
     'experiment': 'experiment',
     'info': 'info',
     'replay': 'replay',
+    'call': 'call',
     'bench': 'bench',
     'warm-up': 'warm_up',
     'demo': 'demo',
