@@ -338,7 +338,7 @@ class RefineServer(ManagedNode):
         )
         self.odometry.configure()
         self.recording.configure(self.parameters.read(RecordingConfig))
-        self.worker.map_every_s = self.settings.map_update_interval
+        self.worker.show_every(self.settings.map_update_interval)
         self.maps.show(self.output)
 
     # -- the end ----------------------------------------------------------------------------

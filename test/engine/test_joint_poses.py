@@ -5,10 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from ogm_mcmc.config import PosesConfig, SamplerConfig, WindowConfig
+from ogm_mcmc.config import PosesConfig
 from ogm_mcmc.engine.joint_poses import choose_joint
 from ogm_mcmc.engine.kept_poses import KeptPoses
-from ogm_mcmc.engine.worker import RefineWorker
 from ogm_mcmc.geometry import PlacedScan, Pose2D, PoseBelief, PoseSamples, Scan
 
 CELL = 0.1
@@ -82,15 +81,9 @@ def test_joint_poses_stay_with_somewhat_fewer_readings():
     assert found == [False, True, True, True, False, False, True]
 
 
-def test_a_worker_keeps_its_choice():
-    config = SamplerConfig(window=WindowConfig(resolution=CELL))
+def test_a_choice_that_stays_is_said_once():
     said = []
-    worker = RefineWorker(config, PosesConfig('auto'), log=said.append)
-    try:
-        sigmas = (0.06, 0.04, 0.06, 0.04)
-        assert [worker._poses.choose(placed(spread(s, 0.1)), CELL).joint for s in sigmas] == [
-            True
-        ] * 4
-    finally:
-        worker.close()
+    kept = KeptPoses(PosesConfig('auto'), said.append)
+    for sigma in (0.06, 0.04, 0.06, 0.04):
+        assert kept.choose(placed(spread(sigma, 0.1)), CELL).joint
     assert len(said) == 1

@@ -101,8 +101,8 @@ def test_a_state_that_cannot_be_written_is_said(make, tmp_path):
 
 def test_an_index_is_not_waited_for(monkeypatch):
     """It may take long and cannot be interrupted; the map of before is still there."""
-    worker, said, go_on = RefineWorker(CONFIG), [], threading.Event()
-    worker.log = said.append
+    said, go_on = [], threading.Event()
+    worker = RefineWorker(CONFIG, log=said.append)
     worker.refine(scans(3), StopConfig(max_sweeps=10, r_hat=0.0))
     until(lambda: idle(worker, 'sweeps'))
     before, take = worker.result, Refinement.take

@@ -57,7 +57,7 @@ def test_joint_poses_make_a_better_map_within_the_deadline(make):
         sensor[poses] = worker.status.sensor
     # What the beams are like is found at the poses of the end, not at those they came with.
     assert sensor['fixed'] == fit_sensor(placed, config)[1]
-    assert sensor['joint'] == fit_sensor(worker._poses.placed(placed), config)[1]
+    assert sensor['joint'] == fit_sensor(worker._runner._poses.placed(placed), config)[1]
     assert sensor['joint'].sigma.high_95 < sensor['fixed'].sigma.low_95
     low, spread, high = found['joint'].trajectory.points
     assert 0.0 < low < spread < high < 0.05
@@ -149,7 +149,7 @@ def test_a_map_at_the_given_poses_comes_first_and_chains_go_on_at_joint_ones(mak
 
 
 def test_chains_rest_while_poses_are_estimated(make, gate, monkeypatch):
-    monkeypatch.setattr('ogm_mcmc.engine.worker.RESTS_AT', 3)
+    monkeypatch.setattr('ogm_mcmc.engine.order_runner.RESTS_AT', 3)
     _, placed = noisy_drive()
     worker = make(poses=JOINT)
     worker.refine(placed, ENDLESS)
@@ -201,13 +201,13 @@ def test_scans_that_came_since_lie_beside_those_estimated(make, gate):
     gate.opened.set()
     worker.refine(placed[:12], LIMITS)
     until(lambda: idle(worker, 'sweeps'))
-    found = worker._poses.placed(placed[:12])
+    found = worker._runner._poses.placed(placed[:12])
     gate.opened.clear()
     worker.refine(placed, LIMITS)
     until(lambda: worker.status.scans == 16 and waits(worker) and worker.result.scans == 16)
     assert worker.status.poses_of_map == 'joint; joint ones are being estimated'
     assert worker.result.trajectory is not None
-    now = worker._refinement._taken
+    now = worker._runner._refinement._taken
     assert all(one is other for one, other in zip(now[:12], found, strict=True))
     correction = found[11].pose.compose(placed[11].pose.inverse())
     assert [one.pose for one in now[12:]] == [correction.compose(one.pose) for one in placed[12:]]
@@ -229,7 +229,7 @@ def test_a_correction_is_shown_and_poses_are_estimated_from_there(make, gate, wh
     moved = [PlacedScan(one.scan, one.belief.carried_to(step.compose(one.pose))) for one in placed]
     worker.refine(moved, LIMITS)
     until(lambda: len(gate.begun) == 2 and waits(worker) and worker.result.trajectory is None)
-    assert [one.pose for one in worker._refinement._taken] == [one.pose for one in moved]
+    assert [one.pose for one in worker._runner._refinement._taken] == [one.pose for one in moved]
     gate.opened.set()
     until(lambda: idle(worker, 'sweeps') and worker.result.final)
     assert poses_in(worker.result) == alone(moved).estimator.trajectory()
