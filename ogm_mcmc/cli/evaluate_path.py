@@ -11,8 +11,9 @@ from ogm_mcmc.arrays import Float64Array
 from ogm_mcmc.cli.evaluate_answer import Answer
 from ogm_mcmc.config import CollisionConfig, flatten
 from ogm_mcmc.engine.collision import BEHIND, chance_of_unknown, collision_risk
+from ogm_mcmc.evaluation import probability_at
 from ogm_mcmc.files.input_files import text_of
-from ogm_mcmc.geometry import SampleBits
+from ogm_mcmc.geometry import GridMap, SampleBits
 from ogm_mcmc.io.point_files import read_points
 from ogm_mcmc.io.sample_files import load_samples
 from ogm_mcmc.io.trajectory_files import read_trajectory
@@ -59,10 +60,13 @@ def along_path(
         prior = unknown if samples.prior is None else samples.prior
         unknown, behind = chance_of_unknown(bits, prior), BEHIND
     risk = collision_risk(bits, places, config.robot_radius, unknown, behind)
+    shown = GridMap(samples.spec, samples.known.astype(np.float32))
+    unseen = int(np.count_nonzero(probability_at(shown, places, 0.0) == 0.0))
     figures = {
         'file': str(options.path),
         'samples': {'file': str(options.samples), 'maps': bits.draws},
         'places': len(places),
+        'unknown_places': unseen,
         'risk': risk[:-1].tolist(),
         'whole_way': float(risk[-1]),
     }
@@ -75,6 +79,10 @@ def along_path(
             f'{risk[worst]:.3f} ({places[worst, 0]:g}, {places[worst, 1]:g})',
         ),
     ]
+    if unseen:
+        # A way in another frame than the maps looks like this, too.
+        of = f'{unseen} of {len(places)}'
+        rows.insert(1, ('  places in unknown space', of))
     picture = Picture(
         curves_png([Series('', np.arange(len(places)), risk[:-1], '.')], 'place', 'risk'),
         f'Probability of a collision at each place, for a radius of {config.robot_radius:g} m',

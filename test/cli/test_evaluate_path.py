@@ -44,6 +44,7 @@ def test_answers(folder, capsys, file):
     assert found['risk'] == pytest.approx([0.0, 0.25, 0.2])
     assert found['whole_way'] == pytest.approx(0.25 + 0.75 * 0.2)
     assert (found['places'], found['samples']['maps']) == (3, 4)
+    assert found['unknown_places'] == 1
     assert 'Way' in (folder / 'out' / 'evaluate' / 'evaluation.html').read_text()
 
 
@@ -56,6 +57,7 @@ def test_what_data_did_not_move_is_one_chance_as_on_collision_query(folder, caps
     assert code == 0, err
     found = json.loads(out)
     path = found['path']
+    assert path['unknown_places'] == 2
     samples = load_samples(folder / 'prior.npz')
     bits = SampleBits.of_maps(samples.spec, samples.maps, samples.touched)
     mean = np.where(samples.known, np.float32(0.1), np.float32(np.nan))
@@ -68,6 +70,13 @@ def test_what_data_did_not_move_is_one_chance_as_on_collision_query(folder, caps
     if not said:
         answer = node.collision_risk(np.array(WAY), 0.06).tolist()
         assert answer == [*path['risk'], path['whole_way']]
+
+
+def test_a_way_off_the_maps_says_so(folder, capsys):
+    (folder / 'off.csv').write_text('0.1,0.1\n50,0.1\n')
+    code, out, err = command(capsys, 'evaluate', '--path', 'off.csv', '--samples', 's.npz')
+    assert code == 0, err
+    assert '  places in unknown space    1 of 2' in out
 
 
 @pytest.mark.parametrize(
