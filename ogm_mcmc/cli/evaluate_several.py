@@ -37,7 +37,18 @@ from ogm_mcmc.geometry import GridSpec, Pose2D
 from ogm_mcmc.io.map_files import JudgedMap, load_grid
 from ogm_mcmc.plotting import Picture, kinds_png, probability_png
 
-__all__ = ['Compared', 'compared_by_beams', 'compared_by_truth', 'map_pictures', 'named_maps']
+__all__ = [
+    'MOST_IN_PAIRS',
+    'Compared',
+    'compared_by_beams',
+    'compared_by_truth',
+    'map_pictures',
+    'named_maps',
+]
+
+# Every pair of so many maps has a line and a picture; more maps have a table, and pictures of the
+# best one beside each of the others.
+MOST_IN_PAIRS = 3
 
 # Blocks on the longer side of a picture of who wins: single cells are hard to see.
 BLOCKS = 120
@@ -111,17 +122,24 @@ def compared_by_truth(
             'calibration error': f'{figures[name]["expected_calibration_error"]:.4f}',
             'Brier': f'{figures[name]["brier_score"]:.4f}',
         }
-    differences, pictures = [], []
-    for first, second in combinations(maps, 2):
-        gap = np.where(
+
+    def nearer(first: str, second: str) -> AnyArray:
+        return np.where(
             of[first].counted & of[second].counted,
             np.asarray(of[second].divergence, np.float64) - of[first].divergence,
             np.nan,
         )
+
+    differences = []
+    for first, second in combinations(maps, 2):
+        gap = nearer(first, second)
         differences.append(
             {'map': first, 'against': second, 'nearer': float(np.nansum(gap)), **_won(gap)}
         )
-        pictures.append(_wins(gap, first, second, 'divergence of a cell'))
+    pictures = [
+        _wins(nearer(*pair), *pair, 'divergence of a cell')
+        for pair in _drawn({name: -one['divergence_nats'] for name, one in figures.items()})
+    ]
     curves = Picture(
         reliability_png({name: one.reliability for name, one in of.items()}),
         'Reliability of cells against the truth',
@@ -179,7 +197,7 @@ def compared_by_beams(
         }
     blocks = _blocks([_extent(held.frame_of(name), one.spec) for name, one in filled.items()])
     on_blocks = beams._replace(cell=cells_of_ends(beams.placed, blocks))
-    differences, pictures = [], []
+    differences = []
     for first, second in combinations(maps, 2):
         gap = values[first] - values[second]
         ratio = beams.mean(gap)
@@ -192,8 +210,11 @@ def compared_by_beams(
             'scans_won': int((by_scan > 0.0).sum()),
             'scans_lost': int((by_scan < 0.0).sum()),
         })  # fmt: skip
-        what = f'log-likelihood of the beams that ended in {blocks.resolution_m:.2g} m'
-        pictures.append(_wins(on_blocks.per_cell(gap, blocks), first, second, what))
+    what = f'log-likelihood of the beams that ended in {blocks.resolution_m:.2g} m'
+    pictures = [
+        _wins(on_blocks.per_cell(values[first] - values[second], blocks), first, second, what)
+        for first, second in _drawn({name: beams.mean(of).value for name, of in values.items()})
+    ]
     sections = [('Where one predicts held-out beams better', pictures)]
     if scores:
         curves = Picture(
@@ -243,6 +264,14 @@ def _blocks(extents: list[_Extent]) -> GridSpec:
     side = max(finest, max(width, height) / BLOCKS)
     columns, rows = (max(1, int(np.ceil(length / side - 1e-9))) for length in (width, height))
     return GridSpec(side, columns, rows, anchor_x_m=left, anchor_y_m=bottom)
+
+
+def _drawn(worth: Mapping[str, float]) -> list[tuple[str, str]]:
+    """Return the pairs that are drawn of maps by what they are worth."""
+    if len(worth) <= MOST_IN_PAIRS:
+        return list(combinations(worth, 2))
+    best = max(worth, key=lambda name: worth[name])
+    return [(best, name) for name in worth if name != best]
 
 
 def _won(gap: AnyArray) -> dict[str, int]:

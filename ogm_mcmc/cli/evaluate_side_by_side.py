@@ -10,6 +10,7 @@ from typing import Any
 
 from ogm_mcmc.cli.evaluate_answer import output_paths, write_answer
 from ogm_mcmc.cli.evaluate_several import (
+    MOST_IN_PAIRS,
     Compared,
     compared_by_beams,
     compared_by_truth,
@@ -70,11 +71,17 @@ def run_several(
         'files': {kind: str(path) for kind, path in paths.items()},
     }
     header, rows = _table(list(files), answers)
-    differences = [line for answer in answers.values() for line in _said(answer)]
+    said = _lines(header, rows)
     page = Page(', '.join(files))
     page.table(header, rows)
-    for line in differences:
-        page.text(line)
+    for answer in answers.values():
+        remarks, pairs = _remarks(answer), _pairs(list(files), answer)
+        for line in [*remarks, *([] if pairs else _differences(answer))]:
+            page.text(line)
+            said.append(line)
+        if pairs:
+            page.table(*pairs)
+            said += ['', *_lines(*pairs)]
     page.heading('The maps')
     page.pictures(map_pictures(maps))
     for answer in answers.values():
@@ -87,9 +94,7 @@ def run_several(
     page.heading('Settings')
     page.table(('setting', 'value'), sorted(settings.items()))
     result = write_answer(paths, result, page)
-    print_result(
-        options, result, '\n'.join([*_lines(header, rows), *differences, str(paths['html'])])
-    )
+    print_result(options, result, '\n'.join([*said, str(paths['html'])]))
     return 0
 
 
@@ -134,11 +139,16 @@ def _lines(header: list[str], rows: list[list[str]]) -> list[str]:
     ]
 
 
-def _said(answer: Compared) -> list[str]:
-    """Return what +inf was taken to mean, where maps lie, and a line for each pair of maps."""
+def _remarks(answer: Compared) -> list[str]:
+    """Return what +inf was taken to mean, and where maps lie."""
     why = answer.common.get('meaning_of_no_return', {}).get('why', '')
     lines = [why] if why else []
-    lines += [*answer.common.get('alignments', []), *answer.common.get('hints', [])]
+    return [*lines, *answer.common.get('alignments', []), *answer.common.get('hints', [])]
+
+
+def _differences(answer: Compared) -> list[str]:
+    """Return a line for each pair of maps."""
+    lines = []
     for of in answer.differences:
         pair = f'{of["map"]} against {of["against"]}:'
         if 'nats_per_beam' in of:
@@ -153,3 +163,20 @@ def _said(answer: Compared) -> list[str]:
                 f'{of["cells_won"]} cells, worse in {of["cells_lost"]}'
             )
     return lines
+
+
+def _pairs(names: list[str], answer: Compared) -> tuple[list[str], list[list[str]]] | None:
+    """Return a table of what each map, a row, is better by than the others; None for few maps."""
+    if len(names) <= MOST_IN_PAIRS:
+        return None
+    title, gained = 'nats nearer to the truth than', {}
+    for of in answer.differences:
+        for sign, pair in ((1, ('map', 'against')), (-1, ('against', 'map'))):
+            if 'nats_per_beam' in of:
+                title = 'nats a beam more, paired by scan, than'
+                gain = f'{sign * of["nats_per_beam"]:+.4f} +- {of["standard_error"]:.4f}'
+            else:
+                gain = f'{sign * of["nearer"]:+.6g}'
+            gained[of[pair[0]], of[pair[1]]] = gain
+    rows = [[name, *(gained.get((name, other), '') for other in names)] for name in names]
+    return [title, *names], rows

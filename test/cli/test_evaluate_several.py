@@ -129,6 +129,34 @@ def test_table_and_page(theirs, capsys):
         assert f'<tr><td>{what}</td><td>{file}</td></tr>' in page
 
 
+def test_pairs_of_many_maps_are_a_table_and_the_best_is_drawn_beside_the_others(theirs, capsys):
+    arguments = ('raw.yaml', 'a=poor.npy', 'best=good.npz', 'b=poor.npy', '--beams', 'bag')
+    assert run(['evaluate', *arguments, '--truth', 'truth.yaml', '-o', 'out']) == 0
+    by_truth, by_beams = capsys.readouterr().out.split('\n\n')[1:]
+    result = json.loads((theirs / 'out' / 'evaluation.json').read_text())
+    assert len(result['beams']['differences']) == len(result['truth']['differences']) == 6
+    one = result['beams']['differences'][3]
+    assert (one['map'], one['against']) == ('a', 'best')
+    gain = -one['nats_per_beam']
+    assert gain > 0.0
+    rows = by_beams.splitlines()
+    assert ' '.join(rows[0].split()) == 'nats a beam more, paired by scan, than raw a best b'
+    assert rows[3].startswith('best')
+    assert f'  {gain:+.4f} +- ' in rows[3]
+    assert f'  {-gain:+.4f} +- ' in rows[2]
+    nearer = result['truth']['differences'][3]['nearer']
+    rows = by_truth.splitlines()
+    assert ' '.join(rows[0].split()) == 'nats nearer to the truth than raw a best b'
+    assert f'  {-nearer:+.6g}' in rows[3]
+    assert f'  {nearer:+.6g}' in rows[2]
+    page = (theirs / 'out' / 'evaluation.html').read_text()
+    # Four maps, the truth, reliability; three pairs each.
+    assert page.count('<img') == 12
+    assert page.count('blue where best is better than a,') == 4  # captions and their alt texts
+    assert 'better than best' not in page
+    assert '<th>nats nearer to the truth than</th><th>raw</th>' in page
+
+
 def test_maps_of_other_grids_are_judged_by_the_same_beams(theirs, capsys):
     """A map of fewer and larger cells; `exclude` leaves out what ends outside of any map."""
     coarse = GridMap(GridSpec(0.15, 2, 2), np.full((2, 2), 0.3, np.float32))
