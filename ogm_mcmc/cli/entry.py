@@ -3,13 +3,17 @@
 import os
 import sys
 
-from ogm_mcmc.files.signals import leave_on_signals, stop_a_little_later
+from ogm_mcmc.files.signals import (
+    end_at_once_on_signals,
+    leave_on_signals,
+    stop_a_little_later,
+)
 
 __all__ = ['main']
 
 
 def main() -> None:
-    """Run a command; quiet on Ctrl-C even while modules are imported or kernels compiled."""
+    """Run a command; quiet on Ctrl-C also while it imports modules, compiles kernels or exits."""
     sys.unraisablehook = stop_a_little_later
     try:
         _open_closed_streams()
@@ -17,13 +21,18 @@ def main() -> None:
         from ogm_mcmc.cli.main import run
 
         code = run()
+        end_at_once_on_signals(code)  # in here, so that one that came just before is answered
     except KeyboardInterrupt:
         code = 130
+    except SystemExit as left:
+        end_at_once_on_signals(left.code if isinstance(left.code, int) else 1)
+        raise
     except Exception as error:
-        left = _left_by(error)
-        if left is None:
+        found = _left_by(error)
+        if found is None:
             raise
-        code = left
+        code = found
+    end_at_once_on_signals(code)
     sys.exit(code)
 
 

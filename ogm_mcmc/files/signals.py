@@ -1,7 +1,8 @@
 """Ctrl-C and a polite kill (SIGINT, SIGTERM): all ways in which the package takes them.
 
 Commands leave through every `with` (`leave_on_signals`), sampling ends early (`interruptible`),
-short critical work goes first (`signals_later`), nodes finish what they do (`NotedSignals`), and
+short critical work goes first (`signals_later`), what is done ends at once
+(`end_at_once_on_signals`), nodes finish what they do (`NotedSignals`), and
 children that this process ends by itself hear nothing of Ctrl-C (`sigint_ignored`).
 
 Two places cannot bear an exception. In a callback from C it is printed and lost. And Numba, when
@@ -24,6 +25,7 @@ from typing import Any, Self
 
 __all__ = [
     'NotedSignals',
+    'end_at_once_on_signals',
     'interruptible',
     'leave_on_signals',
     'sigint_ignored',
@@ -46,6 +48,21 @@ def leave_on_signals() -> None:
     signal.signal(signal.SIGTERM, _leave)
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, _leave)
+
+
+def end_at_once_on_signals(code: int) -> None:
+    """Let SIGINT and SIGTERM end the process with a code, as all work is done.
+
+    While Python takes itself down nobody catches an exception: it would be printed.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        return
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(OSError, ValueError):  # nobody reads it any more
+            stream.flush()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        if callable(signal.getsignal(number)):
+            signal.signal(number, lambda *_: os._exit(code))
 
 
 def _leave(number: int, frame: FrameType | None) -> None:

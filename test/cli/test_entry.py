@@ -47,6 +47,44 @@ def test_a_stop_inside_a_callback_is_not_lost_and_not_loud(how, code):
     assert done.stderr == ''
 
 
+AT_THE_END = """
+import atexit, os, sys, time
+from ogm_mcmc.cli import entry, main
+
+def hit():
+    os.kill(os.getpid(), {signal})
+    time.sleep(60.0)
+
+def run(argv=None):
+    atexit.register(hit)
+    sys.stdout.write('a result')
+    {end}
+    return 0
+
+main.run = run
+entry.main()
+"""
+
+
+@pytest.mark.parametrize(
+    ('end', 'how', 'code'),
+    [
+        ('pass', signal.SIGINT, 0),
+        ('raise KeyboardInterrupt', signal.SIGINT, 130),
+        ('sys.exit(143)', signal.SIGTERM, 143),
+    ],
+)
+def test_a_stop_while_python_takes_itself_down_is_quiet(end, how, code):
+    """Of a command that is done, or was stopped before; Python 3.12 starts no thread any more."""
+    done = subprocess.run(
+        [sys.executable, '-c', AT_THE_END.format(signal=int(how), end=end)],
+        capture_output=True,
+        text=True,
+        timeout=30,
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (code, 'a result', '')
+
+
 CLOSED = """
 import os, sys
 from ogm_mcmc.cli import entry, main
@@ -87,6 +125,7 @@ def test_a_stop_while_a_class_is_made_is_quiet(monkeypatch, stop, code):
 
     monkeypatch.setattr(main, 'run', run)
     monkeypatch.setattr(entry, 'leave_on_signals', lambda: None)
+    monkeypatch.setattr(entry, 'end_at_once_on_signals', lambda code: None)
     monkeypatch.setattr(sys, 'unraisablehook', sys.unraisablehook)
     if code is None:
         with pytest.raises((RuntimeError, ValueError)):
