@@ -28,9 +28,9 @@ from ogm_mcmc.cli.simulated_world import (
     turned,
 )
 from ogm_mcmc.config import OutputConfig
-from ogm_mcmc.engine.saved_map import save_map
+from ogm_mcmc.engine.saved_map import write_shown
 from ogm_mcmc.errors import OutputError
-from ogm_mcmc.files.output_files import makeable_folder, refuse_folder
+from ogm_mcmc.files.output_files import makeable_folder, refuse_folder, replacing_set
 from ogm_mcmc.files.user_paths import user_path
 from ogm_mcmc.geometry import GridMap, Pose2D
 from ogm_mcmc.io.recording_bag import write_drive, write_localized, write_recording
@@ -84,18 +84,19 @@ def run(options: argparse.Namespace) -> int:
     makeable_folder(output.parent)
     poses: dict[int, Pose2D] = {}
     nodes: list[int] = []
-    with tqdm(simulated.scans, unit=' scans', desc='simulate', disable=None) as bar:
-        count = simulated.write(_noted(bar, simulated.truth_of, poses, nodes))
-    write_poses(beside['poses'], poses.items())
-    if options.drive:
-        write_tum(beside['trajectory'], nodes, (poses[stamp_ns] for stamp_ns in nodes))
-    elif options.overwrite:
-        _beside(output, '_trajectory.tum').unlink(missing_ok=True)
-    if ring is not None:
-        write_sonar_parameters(beside['sonars'], ring)
-    elif options.overwrite:
-        _beside(output, '_sonars.yaml').unlink(missing_ok=True)  # of the bag replaced
-    save_map(simulated.truth, output.parent, OutputConfig(), f'{output.name}_truth')
+    # Another sensor or way of the bag that is replaced left these.
+    others = [_beside(output, suffix).name for suffix in ('_trajectory.tum', '_sonars.yaml')]
+    truth_name = f'{output.name}_truth'
+    with replacing_set(output.parent, truth_name, others if options.overwrite else ()) as scratch:
+        with tqdm(simulated.scans, unit=' scans', desc='simulate', disable=None) as bar:
+            count = simulated.write(_noted(bar, simulated.truth_of, poses, nodes), scratch)
+        write_poses(scratch / beside['poses'].name, poses.items())
+        if options.drive:
+            kept = (poses[stamp_ns] for stamp_ns in nodes)
+            write_tum(scratch / beside['trajectory'].name, nodes, kept)
+        if ring is not None:
+            write_sonar_parameters(scratch / beside['sonars'].name, ring)
+        write_shown(simulated.truth, scratch, OutputConfig(), truth_name)
     told = {name: str(path) for name, path in beside.items() if name not in ('pgm', 'png')}
     result = {'bag': str(output), 'scans': count, 'seed': options.seed, **told}
     what = 'scans' if ring is None else 'readings'
@@ -135,12 +136,15 @@ class _Truth(NamedTuple):
 
 
 class _Simulated(NamedTuple):
-    """The true map, the scans to come, what holds of each, how they are written; the sonars."""
+    """The true map, the scans to come, what holds of each, the sonars.
+
+    write  makes a bag of scans in a folder; returns how many
+    """
 
     truth: GridMap
     scans: Iterator[Any]
     truth_of: Callable[[Any], _Truth]
-    write: Callable[[Iterator[Any]], int]
+    write: Callable[[Iterator[Any], Path], int]
     ring: SonarRing | None = None
 
 
@@ -189,7 +193,9 @@ def _by_sonars(
         _true_map(options, world),
         scans,
         lambda one: _Truth(one.scan.stamp_ns, one.pose.compose(back[one.scan.frame_id])),
-        lambda held: write_sonar_recording(output, held, mounts, overwrite=overwrite),
+        lambda held, into: write_sonar_recording(
+            output, held, mounts, overwrite=overwrite, into=into
+        ),
         ring,
     )
 
@@ -207,13 +213,13 @@ def _by_lidar(
             truth,
             driven(options, world, lidar, rng),
             lambda one: _Truth(one.scan.stamp_ns, one.truth, one.is_node),
-            lambda held: write_drive(output, held, overwrite=overwrite),
+            lambda held, into: write_drive(output, held, overwrite=overwrite, into=into),
         )
     placed = _Simulated(
         truth,
         iter(()),
         lambda one: _Truth(one.scan.stamp_ns, one.pose),
-        lambda held: write_recording(output, held, overwrite=overwrite),
+        lambda held, into: write_recording(output, held, overwrite=overwrite, into=into),
     )
     if isinstance(world, Building):
         return placed._replace(scans=record(world, lidar, rng))
@@ -229,7 +235,9 @@ def _by_lidar(
         truth,
         record_localized(world, lidar, way, rng, depth=depth),
         lambda one: _Truth(one.placed.scan.stamp_ns, one.truth),
-        lambda held: write_localized(output, held, particles=count, overwrite=overwrite),
+        lambda held, into: write_localized(
+            output, held, particles=count, overwrite=overwrite, into=into
+        ),
     )
 
 

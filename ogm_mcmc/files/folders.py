@@ -15,10 +15,9 @@ import re
 import shutil
 from pathlib import Path
 
-from ogm_mcmc.files.output_files import write_through
 from ogm_mcmc.files.processes import host_name, lives
 
-__all__ = ['put_back', 'replace_folder']
+__all__ = ['put_back', 'replace_folder', 'write_all_through', 'write_through']
 
 AT_FDCWD = -100  # names are not relative to an open folder
 RENAME_EXCHANGE = 2
@@ -30,9 +29,7 @@ def replace_folder(new: Path, path: Path) -> None:
     All files of the new one are written through to the disk first. Raises OSError; then the old
     folder is where it was.
     """
-    for one in sorted(new.rglob('*')):
-        write_through(one)
-    write_through(new)
+    write_all_through(new)
     if not path.exists():
         new.replace(path)
     elif _exchanged(new, path):
@@ -87,3 +84,22 @@ def _exchanged(one: Path, other: Path) -> bool:
     names = (os.fsencode(one), os.fsencode(other))
     failed = exchange(AT_FDCWD, names[0], AT_FDCWD, names[1], ctypes.c_uint(RENAME_EXCHANGE))
     return bool(failed == 0)
+
+
+def write_through(path: Path) -> None:
+    """Have a file or folder written to the disk itself, so that a power cut finds it there."""
+    handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        os.fsync(handle)
+    except OSError:
+        if not path.is_dir():  # some file systems cannot do it for folders
+            raise
+    finally:
+        os.close(handle)
+
+
+def write_all_through(folder: Path) -> None:
+    """Have a folder and all that is in it written to the disk itself."""
+    for one in sorted(folder.rglob('*')):
+        write_through(one)
+    write_through(folder)

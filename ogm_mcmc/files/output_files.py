@@ -11,7 +11,7 @@ the YAML names an image that belongs to it. (To remove the old YAML first would 
 process killed in between, or a power cut, would leave a robot without any map.) What no order
 can give: a reader that has read the YAML and opens the image only after the switch finds the new
 image. All other files of a set are replaced before, one by one; each is whole by itself. Ctrl-C
-and a polite kill wait until a set is in its place.
+and a polite kill wait until a set is in its place, and what takes room on the disk is done before.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ from pathlib import Path
 import yaml
 
 from ogm_mcmc.errors import PLAIN_NAME_EXPECTED, OutputError, is_plain_name
+from ogm_mcmc.files.folders import replace_folder, write_all_through, write_through
 from ogm_mcmc.files.input_files import text_of
 from ogm_mcmc.files.processes import host_name, lives
 from ogm_mcmc.files.signals import signals_later
@@ -42,7 +43,6 @@ __all__ = [
     'replacing_set',
     'scratch_folder',
     'writable_folder',
-    'write_through',
 ]
 
 # Bytes; the YAML of a map has some hundreds.
@@ -70,6 +70,7 @@ def replacing(path: Path) -> Iterator[Path]:
 def replacing_set(folder: Path, name: str, without: Sequence[str] = ()) -> Iterator[Path]:
     """Yield a folder for new files; they replace those of the same names in `folder`, as a set.
 
+    A folder in it, such as a bag, replaces one in the same way.
     name     of the map; its YAML (NAME.yaml, which names the image) comes last, if there is one
     without  names of files that are no part of the set any more
     Raises OutputError; a failure before the first file is in its place leaves all as it was.
@@ -79,39 +80,64 @@ def replacing_set(folder: Path, name: str, without: Sequence[str] = ()) -> Itera
         yield scratch
         made = sorted(path.name for path in scratch.iterdir())
         for one in made:
-            refuse_folder(folder / one)
-            write_through(scratch / one)
+            if (scratch / one).is_dir():
+                write_all_through(scratch / one)
+            else:
+                refuse_folder(folder / one)
+                write_through(scratch / one)
         described = f'{name}.yaml'
         image = _image_of(scratch / described) if described in made else None
+        twice = _first_under_another_name(scratch, folder, described, image)
         with signals_later():
             for one in made:
-                if one not in (described, image):
+                if (scratch / one).is_dir():
+                    replace_folder(scratch / one, folder / one)
+                elif one not in (described, image):
                     os.replace(scratch / one, folder / one)
             if described in made:
-                _switch(scratch, folder, described, image)
+                _switch(scratch, folder, described, image, twice)
             for one in set(without) - set(made):
                 (folder / one).unlink(missing_ok=True)
             write_through(folder)
 
 
-def _switch(scratch: Path, folder: Path, described: str, image: str | None) -> None:
+def _first_under_another_name(
+    scratch: Path, folder: Path, described: str, image: str | None
+) -> bool:
+    """Make what the YAML changes to first; return False where it need not change twice.
+
+    That is the new image under a name of its own, and a YAML beside it that names it.
+    """
+    named = _image_of(folder / described)
+    if image is None or named is None or not (scratch / image).exists():
+        return False
+    if (folder / named).resolve() != (folder / image).resolve():
+        return False
+    between = _between(image)
+    fields = parse_yaml((scratch / described).read_text(encoding='utf-8'))
+    text = _dumped({**fields, 'image': between})
+    (scratch / f'{between}.yaml').write_text(text, encoding='utf-8')
+    shutil.copyfile(scratch / image, scratch / between)
+    for one in (between, f'{between}.yaml'):
+        write_through(scratch / one)
+    return True
+
+
+def _between(image: str) -> str:
+    """Return the name of an image for a moment: hidden, and none that a set can have."""
+    return f'.{Path(image).stem}-next{Path(image).suffix}'
+
+
+def _switch(scratch: Path, folder: Path, described: str, image: str | None, twice: bool) -> None:
     """Put a YAML and its image in place of others; see the top of this file."""
     if image is None or not (scratch / image).exists():
         os.replace(scratch / described, folder / described)
         return
-    # Hidden, and no name that a set can have: `checked_name`.
-    between = f'.{Path(image).stem}-next{Path(image).suffix}'
-    named = _image_of(folder / described)
-    if named is not None and (folder / named).resolve() == (folder / image).resolve():
-        fields = parse_yaml((scratch / described).read_text(encoding='utf-8'))
-        first = scratch / f'{between}.yaml'
-        first.write_text(_dumped({**fields, 'image': between}), encoding='utf-8')
-        write_through(first)
-        shutil.copyfile(scratch / image, scratch / between)
-        write_through(scratch / between)
+    between = _between(image)
+    if twice:
         os.replace(scratch / between, folder / between)
         write_through(folder)
-        os.replace(first, folder / described)
+        os.replace(scratch / f'{between}.yaml', folder / described)
         write_through(folder)
     os.replace(scratch / image, folder / image)
     write_through(folder)
@@ -150,14 +176,18 @@ def _said(path: Path) -> Iterator[None]:
 def scratch_folder(folder: Path) -> Iterator[Path]:
     """Yield a hidden folder inside of another; remove it in the end, and those of the dead."""
     _remove_leftovers(folder)
-    made = tempfile.TemporaryDirectory(
-        dir=folder, prefix=f'.ogm_mcmc-{host_name()}-{os.getpid()}-', ignore_cleanup_errors=True
-    )
+    prefix = f'.ogm_mcmc-{host_name()}-{os.getpid()}-'
+    made: tempfile.TemporaryDirectory[str] | None = None
     try:
+        with signals_later():
+            made = tempfile.TemporaryDirectory(
+                dir=folder, prefix=prefix, ignore_cleanup_errors=True
+            )
         yield Path(made.name)
     finally:
         with signals_later():
-            made.cleanup()
+            if made is not None:
+                made.cleanup()
 
 
 def _remove_leftovers(folder: Path) -> None:
@@ -168,18 +198,6 @@ def _remove_leftovers(folder: Path) -> None:
         found = LEFTOVER.fullmatch(name)
         if found and found['host'] == host_name() and not lives(int(found['pid'])):
             shutil.rmtree(folder / name, ignore_errors=True)
-
-
-def write_through(path: Path) -> None:
-    """Have a file or folder written to the disk itself, so that a power cut finds it there."""
-    handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
-    try:
-        os.fsync(handle)
-    except OSError:
-        if not path.is_dir():  # some file systems cannot do it for folders
-            raise
-    finally:
-        os.close(handle)
 
 
 def refuse_folder(path: Path) -> None:

@@ -269,11 +269,15 @@ def _conversion(topics: list[BagTopic], accepted: tuple[str, ...]) -> str:
 
 
 class BagWriter:
-    """A new rosbag2 (mcap, zstd): written under a temporary name, in place when complete."""
+    """A new rosbag2 (mcap, zstd): written under a temporary name, in place when complete.
 
-    def __init__(self, path: Path, *, overwrite: bool = False) -> None:
+    into  a folder where it stays under its name, for who puts it in place with other files
+    """
+
+    def __init__(self, path: Path, *, overwrite: bool = False, into: Path | None = None) -> None:
         self.path = path
         self.overwrite = overwrite
+        self._in_place = into is None
         self._scratch = contextlib.ExitStack()
         with self._explained():
             put_back(path)
@@ -281,11 +285,11 @@ class BagWriter:
             raise OutputError(f'{path}: exists and is no rosbag2; expected a new name')
         if path.exists() and not overwrite:
             raise OutputError(f'{path}: exists already; expected a new name (or --overwrite)')
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            self._folder = self._scratch.enter_context(scratch_folder(path.parent))
-        except OSError as error:
-            raise OutputError(f'{path}: cannot be written ({error.strerror})') from error
+        if into is None:
+            with self._explained():
+                path.parent.mkdir(parents=True, exist_ok=True)
+                into = self._scratch.enter_context(scratch_folder(path.parent))
+        self._folder = into
         self._writer = Writer(
             self._folder / path.name, version=9, storage_plugin=StoragePlugin.MCAP
         )
@@ -338,7 +342,7 @@ class BagWriter:
         try:
             with self._explained():
                 self._writer.__exit__(kind, error, trace)
-                if kind is None:
+                if kind is None and self._in_place:
                     replace_folder(self._folder / self.path.name, self.path)
         finally:
             self._scratch.close()

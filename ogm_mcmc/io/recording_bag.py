@@ -16,10 +16,19 @@ from ogm_mcmc.simulation import DrivenScan, LocalizedScan
 __all__ = ['write_drive', 'write_localized', 'write_recording', 'write_scan']
 
 
-def write_recording(path: Path, scans: Iterable[PlacedScan], *, overwrite: bool = False) -> int:
-    """Write `scan` and `pose` (known, so of covariance zero); return the number of scans."""
+def write_recording(
+    path: Path,
+    scans: Iterable[PlacedScan],
+    *,
+    overwrite: bool = False,
+    into: Path | None = None,
+) -> int:
+    """Write `scan` and `pose` (known, so of covariance zero); return the number of scans.
+
+    path, overwrite, into  of `BagWriter`, also below
+    """
     count = 0
-    with BagWriter(path, overwrite=overwrite) as bag:
+    with BagWriter(path, overwrite=overwrite, into=into) as bag:
         for scan, belief in scans:
             stamp = scan.stamp_ns
             known = ros_types.pose_with_covariance(stamp, 'map', belief.mean, np.zeros((3, 3)))
@@ -31,14 +40,19 @@ def write_recording(path: Path, scans: Iterable[PlacedScan], *, overwrite: bool 
 
 
 def write_localized(
-    path: Path, scans: Iterable[LocalizedScan], *, particles: int, overwrite: bool = False
+    path: Path,
+    scans: Iterable[LocalizedScan],
+    *,
+    particles: int,
+    overwrite: bool = False,
+    into: Path | None = None,
 ) -> int:
     """Write `scan`, `pose` (mean and covariance), `particles` and `odom`; return how many scans.
 
     A PoseArray has no weights: it holds `particles` poses drawn from the belief.
     """
     count = 0
-    with BagWriter(path, overwrite=overwrite) as bag:
+    with BagWriter(path, overwrite=overwrite, into=into) as bag:
         for (scan, belief), _, odometry in scans:
             stamp = scan.stamp_ns
             odom = ros_types.odometry(stamp, odometry, 0.0, 0.0)
@@ -56,13 +70,15 @@ def write_localized(
     return count
 
 
-def write_drive(path: Path, scans: Iterable[DrivenScan], *, overwrite: bool = False) -> int:
+def write_drive(
+    path: Path, scans: Iterable[DrivenScan], *, overwrite: bool = False, into: Path | None = None
+) -> int:
     """Write `scan`, `odom`, `pose` and, where a loop closes, `trajectory`; return how many scans.
 
     Every message goes to the file as it comes: memory does not grow with the drive.
     """
     count = 0
-    with BagWriter(path, overwrite=overwrite) as bag:
+    with BagWriter(path, overwrite=overwrite, into=into) as bag:
         for one in scans:
             stamp = one.scan.stamp_ns
             odom = ros_types.odometry(stamp, one.odometry, one.speed_m_s, one.turn_rad_s)

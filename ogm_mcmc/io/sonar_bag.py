@@ -28,6 +28,7 @@ def write_sonar_recording(
     *,
     topic: str = '/range',
     overwrite: bool = False,
+    into: Path | None = None,
 ) -> int:
     """Write `range` and the robot's known `pose` for each reading; return their number.
 
@@ -35,7 +36,7 @@ def write_sonar_recording(
     sits on the robot. Readings of one stamp share a pose.
     """
     count, last_ns = 0, -1
-    with BagWriter(path, overwrite=overwrite) as bag:
+    with BagWriter(path, overwrite=overwrite, into=into) as bag:
         for scan, belief in readings:
             stamp = scan.stamp_ns
             if stamp != last_ns:

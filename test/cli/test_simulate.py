@@ -2,15 +2,18 @@
 
 import csv
 import json
+import signal
 
 import numpy as np
 import pytest
 from PIL import Image
 from support.commands import command
 
+from ogm_mcmc.cli import simulate
 from ogm_mcmc.cli.simulated_world import CELLS, check_cells
 from ogm_mcmc.engine.bag_scans import PlacedScans, StreamChoice, choose_topics
 from ogm_mcmc.errors import ConfigError
+from ogm_mcmc.files import output_files
 from ogm_mcmc.io.bags import BagReader
 from ogm_mcmc.io.map_files import load_map
 from ogm_mcmc.io.trajectory_files import read_trajectory
@@ -247,6 +250,45 @@ def test_the_truth_of_another_recording_is_not_overwritten(tmp_path, capsys):
     again = ('simulate', 'building-9', '-o', tmp_path / 'bag', *few, '--overwrite')
     assert command(capsys, *again)[0] == 0
     assert command(capsys, *again)[0] == 0
+
+
+@pytest.mark.jit
+def test_a_stop_leaves_the_old_recording_with_its_truth_or_the_new_one(
+    tmp_path, monkeypatch, capsys
+):
+    """The bag was new and all that belongs to it of the one before, or there was nothing of it."""
+
+    def stop(*_):
+        signal.raise_signal(signal.SIGINT)
+
+    call = ('simulate', 'building-9', '-o', tmp_path / 'bag', '--max-scans', 1, '--overwrite')
+    with monkeypatch.context() as patch:
+        patch.setattr(simulate, 'write_shown', stop)
+        assert command(capsys, *call, '--beams', 4)[0] == 130
+        assert list(tmp_path.iterdir()) == []
+    assert command(capsys, *call, '--beams', 4)[0] == 0
+    before = contents(tmp_path)
+    with monkeypatch.context() as patch:
+        patch.setattr(simulate, 'write_shown', stop)
+        assert command(capsys, *call, '--beams', 5, '--seed', 2)[0] == 130
+    assert contents(tmp_path) == before
+    # Once the first is in its place all others follow.
+    with monkeypatch.context() as patch:
+        exchange = output_files.replace_folder
+        patch.setattr(output_files, 'replace_folder', lambda *a: (exchange(*a), stop()))
+        assert command(capsys, *call, '--beams', 5, '--seed', 2)[0] == 130
+    after = contents(tmp_path)
+    assert set(after) == set(before)
+    assert not [
+        name for name in after if after[name] == before[name] and name.endswith(('mcap', 'csv'))
+    ]
+    assert command(capsys, *call, '--beams', 5, '--seed', 2)[0] == 0
+    assert contents(tmp_path)['bag_poses.csv'] == after['bag_poses.csv']
+
+
+def contents(folder):
+    paths = (path for path in folder.rglob('*') if path.is_file())
+    return {str(path.relative_to(folder)): path.read_bytes() for path in paths}
 
 
 @pytest.mark.parametrize('overwrite', [[], ['--overwrite']])

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from ogm_mcmc.config import OutputConfig
-from ogm_mcmc.engine.saved_map import save_map
+from ogm_mcmc.engine.saved_map import save_map, write_shown
 from ogm_mcmc.errors import OutputError
 from ogm_mcmc.files.output_files import (
     checked_name,
@@ -310,6 +310,36 @@ def test_a_folder_made_for_a_set_that_fails_goes_again(tmp_path):
     with replacing_set(folder, 'map') as scratch:
         (scratch / 'map.npz').write_text('new')
     assert [path.name for path in folder.iterdir()] == ['map.npz']
+
+
+def test_a_folder_of_a_set_takes_the_place_of_one(tmp_path):
+    for text in ('old', 'new'):
+        with replacing_set(tmp_path, 'bag_truth') as scratch:
+            (scratch / 'bag').mkdir()
+            (scratch / 'bag' / f'{text}.mcap').write_text(text)
+            (scratch / 'bag_poses.csv').write_text(text)
+        found = sorted(str(path.relative_to(tmp_path)) for path in tmp_path.rglob('*'))
+        assert found == ['bag', f'bag/{text}.mcap', 'bag_poses.csv']
+        assert (tmp_path / 'bag_poses.csv').read_text() == text
+
+
+def test_a_disk_that_gets_full_leaves_all_as_it_was(tmp_path, monkeypatch):
+    """The second copy of the image was made when others had been replaced."""
+    save_map(OLD, tmp_path, OUTPUT)
+    (tmp_path / 'map.npz').write_text('old')
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+
+    def full(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr('shutil.copyfile', full)
+    with (  # noqa: PT012
+        pytest.raises(OutputError, match='No space left'),
+        replacing_set(tmp_path, 'map') as scratch,
+    ):
+        (scratch / 'map.npz').write_text('new')
+        write_shown(NEW, scratch, OUTPUT, 'map')
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
 def test_a_set_that_fails_leaves_all_as_it_was(tmp_path):
