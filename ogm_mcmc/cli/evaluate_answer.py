@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ogm_mcmc.files.output_files import refuse_folder, replacing, writable_folder
+from ogm_mcmc.files.output_files import refuse_folder, replacing_set, writable_folder
 from ogm_mcmc.plotting import Page, Picture
 
 __all__ = ['Answer', 'make_page', 'output_paths', 'write_answer']
@@ -49,9 +49,10 @@ def output_paths(options: argparse.Namespace) -> dict[str, Path]:
 def write_answer(paths: dict[str, Path], result: dict[str, Any], page: Page) -> dict[str, Any]:
     """Write JSON and page; return the result as JSON can hold it."""
     held: dict[str, Any] = _finite(result)
-    with replacing(paths['json']) as json_file, replacing(paths['html']) as html_file:
-        json_file.write_text(json.dumps(held, indent=2) + '\n', encoding='utf-8')
-        html_file.write_text(page.html(), encoding='utf-8')
+    with replacing_set(paths['json'].parent, paths['json'].stem) as scratch:
+        told = json.dumps(held, indent=2) + '\n'
+        (scratch / paths['json'].name).write_text(told, encoding='utf-8')
+        (scratch / paths['html'].name).write_text(page.html(), encoding='utf-8')
     return held
 
 

@@ -18,7 +18,7 @@ from ogm_mcmc.cli.options import (
     require_matplotlib,
 )
 from ogm_mcmc.errors import ConfigError, require
-from ogm_mcmc.files.output_files import folder_to_fill, refuse_folder, replacing
+from ogm_mcmc.files.output_files import folder_to_fill, refuse_folder, replacing_set
 from ogm_mcmc.files.saying import say
 from ogm_mcmc.lab.experiments import EXPERIMENTS, SPREAD, make_page
 from ogm_mcmc.lab.experiments.datasets import using_executor
@@ -93,8 +93,9 @@ def _run_into(folder: Path, options: argparse.Namespace) -> int:
         **found,
     }
     page = make_page(folder, result)
-    with replacing(paths['json']) as json_file, replacing(paths['html']) as html_file:
-        json_file.write_text(json.dumps(result, indent=2) + '\n', encoding='utf-8')
-        html_file.write_text(page.html(), encoding='utf-8')
+    with replacing_set(folder, 'index') as scratch:
+        told = json.dumps(result, indent=2) + '\n'
+        (scratch / paths['json'].name).write_text(told, encoding='utf-8')
+        (scratch / paths['html'].name).write_text(page.html(), encoding='utf-8')
     print_result(options, result, f'{table_text(result)}\n{paths["html"]}')
     return 0
