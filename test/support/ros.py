@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
@@ -68,6 +69,14 @@ class NodeProcess:
         """Whether the process is still there."""
         return self.process.poll() is None
 
+    def until_it_handles(self, how: int, timeout_s: float = 60.0) -> None:
+        """Wait until the process handles a signal; before, the interpreter is not even there."""
+        deadline = time.monotonic() + timeout_s
+        while not handled(self.process.pid) >> (how - 1) & 1:
+            if time.monotonic() > deadline or not self.running():
+                raise TimeoutError(f'signal {how} is not handled')
+            time.sleep(0.005)
+
     def wait(self, timeout_s: float = 60.0) -> int:
         """Wait for the process to end by itself; return its exit code."""
         self.output += self.process.communicate(timeout=timeout_s)[0] or ''
@@ -82,6 +91,12 @@ class NodeProcess:
             self.process.kill()
             self.wait()
             raise
+
+
+def handled(pid: int) -> int:
+    """Return the signals that a process handles, signal 1 in the lowest bit."""
+    lines = Path(f'/proc/{pid}/status').read_text().splitlines()
+    return next((int(line.split()[1], 16) for line in lines if line.startswith('SigCgt')), 0)
 
 
 class Observer:
