@@ -25,6 +25,7 @@ from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
+from rclpy.publisher import Publisher
 from rclpy.timer import Timer
 
 from ogm_mcmc.config.nodes import ManagedConfig
@@ -294,6 +295,19 @@ class ManagedNode(LifecycleNode):
                 callback()
 
         return self.create_timer(seconds, due, clock=self.steady)
+
+    def without_latched(self, publisher: Publisher) -> Publisher:
+        """Return a publisher like this one, which goes with the message it has latched.
+
+        For kinds of messages that have no way to say "nothing".
+        """
+        new = self.create_publisher(publisher.msg_type, publisher.topic, publisher.qos_profile)
+        for held in (self._lasting, self._idle):
+            if publisher in held:
+                held.remove(publisher)
+                held.add(new)
+        self.destroy_publisher(publisher)
+        return new
 
     def _entities(self) -> set[Any]:
         return {

@@ -6,11 +6,11 @@ import math
 
 from geometry_msgs.msg import Pose, PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Path
-from rclpy.node import Node
 
 from ogm_mcmc.engine.joint_poses import RefinedTrajectory
 from ogm_mcmc.geometry import Pose2D
 from ogm_mcmc.io.messages import time_parts
+from ogm_mcmc.ros.managed_node import ManagedNode
 from ogm_mcmc.ros.qos import LATCHED
 
 __all__ = ['TrajectoryPublisher', 'correction_values', 'path_message', 'pose_message']
@@ -80,10 +80,13 @@ def correction_values(trajectory: RefinedTrajectory | None) -> dict[str, object]
 class TrajectoryPublisher:
     """Sends `trajectory_refined` and `pose_refined`, latched, whenever they are others.
 
-    The latest pose is sent once its covariance is known: 0 would say that it is exact.
+    The latest pose is sent once its covariance is known: 0 would say that it is exact. A way of
+    which nothing holds any more is followed by one without poses; no such pose can be said, so
+    the topic begins anew, and whoever comes then gets none.
     """
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: ManagedNode) -> None:
+        self.node = node
         self.path = node.create_publisher(Path, 'trajectory_refined', LATCHED)
         self.pose = node.create_publisher(PoseWithCovarianceStamped, 'pose_refined', LATCHED)
         self._shown: RefinedTrajectory | None = None
@@ -99,9 +102,10 @@ class TrajectoryPublisher:
                 self.pose.publish(pose_message(trajectory, frame_id))
 
     def clear(self, frame_id: str) -> None:
-        """Send a way without poses, where one was sent before."""
+        """Send a way without poses, and let the latest pose go, where they were sent before."""
         if self._shown is not None:
             self._shown = None
             message = Path()
             message.header.frame_id = frame_id
             self.path.publish(message)
+            self.pose = self.node.without_latched(self.pose)

@@ -93,5 +93,17 @@ def test_a_server_refines_poses_publishes_and_saves_them(tmp_path):
                 assert len(lines) == 17
             server.on_clear(Trigger.Request(), Trigger.Response())
             observer.until(lambda: not paths[-1].poses)
+            late_paths = observer.collect(Path, 'trajectory_refined', LATCHED)
+            late = observer.collect(PoseWithCovarianceStamped, 'pose_refined', LATCHED)
+            observer.until(lambda: bool(late_paths))
+            assert not late_paths[-1].poses
+            assert not late, 'a pose of before ~/clear'
+            later = two_poses(SPREAD)
+            server.trajectory.publish(later, 'map')
+            observer.until(lambda: bool(late))  # on the topic that began anew
+            assert latest[-1] == late[-1] == pose_message(later, 'map')
+            server.trigger_deactivate()
+            server.trajectory.publish(two_poses(None), 'map')  # both are there until cleanup
+            server.trajectory.clear('map')
         finally:
             server.destroy_node()
