@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ogm_mcmc.files.output_files import refuse_folder, replacing_set, writable_folder
+from ogm_mcmc.files.output_files import makeable_folder, refuse_folder, replacing_set
 from ogm_mcmc.plotting import Page, Picture
 
 __all__ = ['Answer', 'make_page', 'output_paths', 'write_answer']
@@ -39,7 +39,7 @@ def make_page(title: str, answers: list[Answer], settings: dict[str, Any]) -> Pa
 
 def output_paths(options: argparse.Namespace) -> dict[str, Path]:
     """Return where the files go. Raises OutputError where they cannot."""
-    writable_folder(options.folder)
+    makeable_folder(options.folder)
     paths = {kind: options.folder / f'{options.name}.{kind}' for kind in ('html', 'json')}
     for path in paths.values():
         refuse_folder(path)

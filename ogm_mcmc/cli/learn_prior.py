@@ -21,7 +21,7 @@ from ogm_mcmc.config import (
 from ogm_mcmc.engine.prior_files import save_prior
 from ogm_mcmc.engine.prior_learning import PUBLISHED, count_maps, patch_statistics
 from ogm_mcmc.errors import OutputError, PriorError, require
-from ogm_mcmc.files.output_files import makeable_folder, refuse_folder, writable_folder
+from ogm_mcmc.files.output_files import folder_to_fill, makeable_folder, refuse_folder
 from ogm_mcmc.io.training_maps import MapSource, TrainingMap, read_sources, read_training_map
 
 __all__ = ['add_to']
@@ -84,8 +84,8 @@ def run(options: argparse.Namespace) -> int:
     if options.held_out and len(counted.counts) < 2:
         raise PriorError('--held-out: expected at least two maps')
     prior = counted.prior(options.least)
-    writable_folder(options.output.parent)
-    save_prior(prior, options.output)
+    with folder_to_fill(options.output.parent):
+        save_prior(prior, options.output)
     result: dict[str, Any] = {
         'file': str(options.output),
         'bytes': options.output.stat().st_size,

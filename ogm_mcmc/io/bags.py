@@ -15,7 +15,7 @@ from rosbags.rosbag2.enums import CompressionFormat, CompressionMode
 
 from ogm_mcmc.errors import BagError, OgmError, OutputError
 from ogm_mcmc.files.folders import put_back, replace_folder
-from ogm_mcmc.files.output_files import scratch_folder
+from ogm_mcmc.files.output_files import folder_to_fill, scratch_folder
 from ogm_mcmc.io.bag_files import kind_of, storage_files, stored_note, unpack_file
 from ogm_mcmc.io.bag_storage import DEEPEST, Offer, Storage, StoredTopic, open_storage
 from ogm_mcmc.io.bag_types import TYPESTORE, MessageType, message_type, typestore
@@ -286,8 +286,8 @@ class BagWriter:
         if path.exists() and not overwrite:
             raise OutputError(f'{path}: exists already; expected a new name (or --overwrite)')
         if into is None:
+            self._scratch.enter_context(folder_to_fill(path.parent))
             with self._explained():
-                path.parent.mkdir(parents=True, exist_ok=True)
                 into = self._scratch.enter_context(scratch_folder(path.parent))
         self._folder = into
         self._writer = Writer(

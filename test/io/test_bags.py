@@ -200,12 +200,14 @@ def test_notes_and_compression(tmp_path, make_scan):
     assert stored.stat().st_size < 6 * 5000 * 4 / 4
 
 
-def test_writer_is_all_or_nothing(tmp_path, make_scan):
-    path = tmp_path / 'bag'
-    with pytest.raises(RuntimeError, match='halfway'), BagWriter(path) as bag:  # noqa: PT012
+@pytest.mark.parametrize('error', [RuntimeError, KeyboardInterrupt])
+@pytest.mark.parametrize('folder', ['.', 'new/deep'])
+def test_writer_is_all_or_nothing(tmp_path, make_scan, error, folder):
+    path = tmp_path / folder / 'bag'
+    with pytest.raises(error, match='halfway'), BagWriter(path) as bag:  # noqa: PT012
         bag.write('/scan', ros_types.SCAN, 1, make_scan(1))
         assert not path.exists()
-        raise RuntimeError('halfway')
+        raise error('halfway')
     assert list(tmp_path.iterdir()) == []
 
 
@@ -293,6 +295,6 @@ def test_writer_refuses_what_exists(tmp_path, write_bag, recording):
 
 def test_writer_below_a_file(tmp_path):
     (tmp_path / 'file').write_text('x')
-    with pytest.raises(OutputError, match='cannot be written'):
+    with pytest.raises(OutputError, match='file: expected a writable folder'):
         BagWriter(tmp_path / 'file' / 'bag')
     assert [path.name for path in tmp_path.iterdir()] == ['file']
