@@ -26,7 +26,7 @@ from ogm_mcmc.cli.options import (
     print_result,
 )
 from ogm_mcmc.cli.sample_answer import answer_text, sampling_figures
-from ogm_mcmc.cli.sample_files import SampledMaps, write_all
+from ogm_mcmc.cli.sample_files import SampledMaps, check_room, write_all
 from ogm_mcmc.cli.sampling_bar import refine_poses, sample
 from ogm_mcmc.config import (
     OutputConfig,
@@ -243,6 +243,7 @@ def _prepare(
     started += time.perf_counter() - read  # compiling is no part of the work
     recording = Recording(chosen.recording, chosen.sampler, bounded=False)
     record(bag, recording)
+    check_room(options.samples, recording.size.box.n_cells)
     tiles = None if shape is None or executor is None else ClusterTiles(executor)
     refinement = Refinement(chosen.sampler)
     if tiles is not None and shape is not None:

@@ -13,7 +13,10 @@ from ogm_mcmc.config import OutputConfig
 from ogm_mcmc.engine.joint_poses import RefinedTrajectory
 from ogm_mcmc.engine.refinement import Refinement
 from ogm_mcmc.engine.saved_map import write_shown
+from ogm_mcmc.errors import ConfigError
+from ogm_mcmc.files.npz_files import MOST_BYTES
 from ogm_mcmc.files.output_files import replacing_set
+from ogm_mcmc.files.processes import free_memory
 from ogm_mcmc.geometry import CellBox, GridMap, GridSpec
 from ogm_mcmc.geometry.grid_map import entropy_bits
 from ogm_mcmc.io.map_files import save_npz
@@ -22,7 +25,7 @@ from ogm_mcmc.io.tum_files import deviations_file, write_beliefs
 from ogm_mcmc.plotting import heat_png
 from ogm_mcmc.sampling.estimates import hide_uncertain
 
-__all__ = ['SampledMaps', 'write_all']
+__all__ = ['SampledMaps', 'check_room', 'write_all']
 
 
 class SampledMaps(NamedTuple):
@@ -36,6 +39,21 @@ class SampledMaps(NamedTuple):
     margin: float
     thin: int
     trajectory: RefinedTrajectory | None = None
+
+
+def check_room(count: int, n_cells: int) -> None:
+    """Raise ConfigError where so many maps of a window cannot be held, or be read again.
+
+    `n_cells` of the window, or a little more. A cell of a map takes a byte while it is written.
+    """
+    needed, free = float(count) * n_cells, free_memory()
+    if needed <= min(MOST_BYTES, free):
+        return
+    most, what = min((MOST_BYTES, 'a file of maps may hold'), (free, 'is free'))
+    raise ConfigError(
+        f'--samples {count}: maps of {n_cells} cells take {needed / 1e9:.4g} GB: expected at most '
+        f'{int(most / n_cells)}, for the {most / 1e9:.3g} GB that {what}'
+    )
 
 
 def write_all(

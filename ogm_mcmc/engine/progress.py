@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-__all__ = ['IndexSize', 'Progress', 'each_of']
+__all__ = ['IndexSize', 'Progress', 'each_of', 'nothing_said']
 
 
 class Progress(NamedTuple):
@@ -49,6 +49,12 @@ class Progress(NamedTuple):
 def each_of(chains: int) -> str:
     """Return whose sweeps are counted: `one chain`, or `each of 2 chains`."""
     return 'one chain' if chains == 1 else f'each of {chains} chains'
+
+
+def nothing_said(scans: int, max_range_m: float = 0.0) -> str:
+    """Return why scans cannot be sampled: no beam tells of a cell; a range of 0 limits none."""
+    limit = f' within max_range = {max_range_m:g} m' if max_range_m > 0.0 else ''
+    return f'no beam of {scans} scans says anything{limit}: nothing to sample'
 
 
 class IndexSize(NamedTuple):

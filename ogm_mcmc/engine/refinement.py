@@ -33,7 +33,7 @@ from ogm_mcmc.engine.live_map import (
 )
 from ogm_mcmc.engine.no_returns import NoReturnChoice, NoReturns, no_return_of
 from ogm_mcmc.engine.posterior import Grown, patch_prior, posterior_model, size_of, window_of
-from ogm_mcmc.engine.progress import IndexSize, Progress
+from ogm_mcmc.engine.progress import IndexSize, Progress, nothing_said
 from ogm_mcmc.engine.range_spread import blur_of
 from ogm_mcmc.engine.sampling_rounds import SamplingRounds
 from ogm_mcmc.engine.saved_chains import (
@@ -193,8 +193,8 @@ class Refinement:
                 dropped = window.drop(change.gone)
             window.add([*(dropped.again if dropped else []), *change.new])
             self._index_spent = True
-        if window.index.n_rays == 0:
-            raise WindowError(f'no beam of {len(scans)} scans says anything: nothing to sample')
+        if not window.index.telling.any():
+            raise WindowError(nothing_said(len(scans), window.config.max_range))
         return window, dropped
 
     def _let_go(self) -> None:

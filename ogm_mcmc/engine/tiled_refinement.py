@@ -8,7 +8,7 @@ from typing import NamedTuple, Protocol
 
 from ogm_mcmc.config import SamplerConfig
 from ogm_mcmc.engine.posterior import Grown
-from ogm_mcmc.engine.progress import IndexSize
+from ogm_mcmc.engine.progress import IndexSize, nothing_said
 from ogm_mcmc.engine.refinement import Refinement
 from ogm_mcmc.engine.window_changes import WindowChange
 from ogm_mcmc.errors import ConfigError, WindowError
@@ -81,7 +81,7 @@ class TiledRefinement(Refinement):
         window = self._empty_window()
         size = window.sum_of_sizes(scans)
         if size.rays == 0:
-            raise WindowError(f'no beam of {len(scans)} scans says anything: nothing to sample')
+            raise WindowError(nothing_said(len(scans), window.config.max_range))
         window.spec = window.spec.windowed(size.box)
         side = 0 if self._table is None else self._table.side
         tiling = tiling_of(window.spec, *self._shape, side)

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import math
 import os
 import platform
 import re
 import signal
 import threading
 import time
+from pathlib import Path
 
-__all__ = ['end_with_parent', 'ending_with_this', 'host_name', 'lives']
+__all__ = ['end_with_parent', 'ending_with_this', 'free_memory', 'host_name', 'lives']
 
 # In the environment of a process: the parent without which it shall end.
 PARENT = 'OGM_MCMC_PARENT'
 PARENT_LOOK_S = 0.5
 PATIENCE_S = 10.0  # after SIGTERM
+
+MEMORY, AVAILABLE = Path('/proc/meminfo'), 'MemAvailable:'
 
 
 def host_name() -> str:
@@ -31,6 +35,15 @@ def lives(pid: int) -> bool:
     except (OSError, OverflowError):  # somebody else's
         return True
     return True
+
+
+def free_memory() -> float:
+    """Return how many bytes of memory new work may have, as Linux tells it; inf: not known."""
+    try:
+        lines = MEMORY.read_text(encoding='ascii').splitlines()
+        return next(1024.0 * int(one.split()[1]) for one in lines if one.startswith(AVAILABLE))
+    except (OSError, ValueError, IndexError, StopIteration):
+        return math.inf
 
 
 def ending_with_this() -> dict[str, str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ogm_mcmc.config import StopConfig
 from ogm_mcmc.engine.no_returns import NoReturnChoice
-from ogm_mcmc.engine.progress import Progress
+from ogm_mcmc.engine.progress import Progress, nothing_said
 from ogm_mcmc.engine.refined_map import WorkerStatus
 from ogm_mcmc.engine.sensor_fit import SensorNumbers
 from ogm_mcmc.trajectory import TrajectoryProgress
@@ -50,7 +50,7 @@ def nothing_recorded(waiting: int, lost: int) -> str:
 def size_refusal(scans: int, rays: int, n_bytes: int, max_memory_mb: float) -> str:
     """Return why an order is refused that says nothing or is too large; empty if it is neither."""
     if rays == 0:
-        return f'no beam of {scans} scans says anything: nothing to sample'
+        return nothing_said(scans)
     if n_bytes > 1e6 * max_memory_mb:
         return (
             f'{rays} rays may need {n_bytes / 1e6:.1f} MB: expected at most '

@@ -162,7 +162,7 @@ def test_ctrl_c_and_a_polite_kill_end_sampling_and_save(sample, tmp_path, monkey
     leave_on_signals()  # as every command does
     handler = signal.getsignal(how)
     endless = ('--max-time', '100', '--max-sweeps', '1000000', '--r-hat', '0', '--burn-in', '1')
-    result = sample('-o', 'out', *COARSE, *endless, '--state', 'state.npz', '--samples', '1000000')
+    result = sample('-o', 'out', *COARSE, *endless, '--state', 'state.npz', '--samples', '100000')
     assert result['reason'] == 'cancelled'
     assert result['sampling_seconds'] < 20.0
     assert result['counted'] > 0
@@ -242,6 +242,8 @@ def test_the_yaml_of_the_node_and_a_start_map(sample, tmp_path):
         (['--cell-prior', '1'], 'prior is 1.0'),
         (['--sigma', '1e-9'], 'sigma is 1e-09: expected 0, or 0.0001 or more'),
         (['--samples', '-1'], '--samples is -1: expected 0 or more'),
+        (['--samples', '100000000'], '--samples 100000000: maps of '),
+        (['--max-range', '0.01'], 'scans says anything within max_range = 0.01 m: nothing'),
         (['--thin', '0'], 'thin is 0'),
         (['--tiles', '2x2'], '--tiles: expected with --scheduler'),
         (
