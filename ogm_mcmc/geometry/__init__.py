@@ -46,6 +46,7 @@ from ogm_mcmc.geometry.grid_spec import CellBox, GridSpec
 from ogm_mcmc.geometry.held_rays import HeldRays
 from ogm_mcmc.geometry.placed_scan import PlacedScan, SensorMount
 from ogm_mcmc.geometry.pose import (
+    FURTHEST_M,
     Pose2D,
     PoseBelief,
     PoseSamples,
@@ -58,6 +59,7 @@ from ogm_mcmc.geometry.sample_bits import SampleBits
 from ogm_mcmc.geometry.scan import Scan
 
 __all__ = [
+    'FURTHEST_M',
     'CellBox',
     'GridMap',
     'GridSpec',

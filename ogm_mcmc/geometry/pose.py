@@ -15,6 +15,7 @@ from ogm_mcmc.arrays import AnyArray, Float64Array
 from ogm_mcmc.errors import PoseError
 
 __all__ = [
+    'FURTHEST_M',
     'Pose2D',
     'PoseBelief',
     'PoseSamples',
@@ -25,6 +26,9 @@ __all__ = [
 
 # A planar scan taken by a sensor tilted further than this is not a scan of the plane any more.
 MAX_TILT_RAD = math.radians(10.0)
+
+# No robot is further from the origin of its map, be that the equator: UTM counts north from there.
+FURTHEST_M = 1e7
 
 
 def wrap_angle(angle_rad: float) -> float:

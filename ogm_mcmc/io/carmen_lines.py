@@ -10,7 +10,7 @@ import numpy as np
 
 from ogm_mcmc.arrays import Float64Array, Int64Array
 from ogm_mcmc.errors import LogError
-from ogm_mcmc.geometry import Pose2D, PoseSamples
+from ogm_mcmc.geometry import FURTHEST_M, Pose2D, PoseSamples
 
 __all__ = ['LineParser', 'LogOdometry', 'LogScan', 'fault']
 
@@ -97,6 +97,8 @@ class LineParser:
         x, y, yaw = (
             self.number(line, words, index + k, n) for k, n in enumerate(('x', 'y', 'theta'))
         )
+        if max(abs(x), abs(y)) > FURTHEST_M:
+            raise fault(line, f'position ({x:g}, {y:g})', f'numbers up to {FURTHEST_M:g} m')
         return Pose2D(x, y, yaw)
 
     def readings(self, line: int, words: list[str], first: int, count: int) -> Float64Array:

@@ -14,6 +14,7 @@ import numpy as np
 from ogm_mcmc.arrays import AnyArray, Float32Array, Float64Array, Int64Array
 from ogm_mcmc.errors import PoseError, ScanError
 from ogm_mcmc.geometry import (
+    FURTHEST_M,
     CellBox,
     GridSpec,
     Pose2D,
@@ -47,9 +48,6 @@ COVARIANCE_SLACK = 1e-9
 
 # A name of ROS has at most 255 characters.
 MOST_NAME = 255
-
-# No robot is further from the origin of its map.
-FURTHEST_M = 1e6
 
 # Share of range_max by which a reading of it may be off: some steps of float32.
 ROUNDING = 1e-6

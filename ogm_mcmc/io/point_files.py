@@ -14,10 +14,9 @@ import numpy as np
 from ogm_mcmc.arrays import Float64Array
 from ogm_mcmc.errors import PointsError
 from ogm_mcmc.files.input_files import file_to_read, reason_of, text_of
+from ogm_mcmc.geometry import FURTHEST_M
 
 __all__ = ['read_points', 'write_prediction']
-
-FURTHEST_M = 1e6
 
 # x or y with the unit behind it: by itself, or after what it belongs to (`pose.x`, `position_y`).
 _UNIT = r'(?:_m)?(?: *[(\[].*)?$'

@@ -29,7 +29,7 @@ from ogm_mcmc.arrays import Float64Array, Int64Array
 from ogm_mcmc.errors import PoseError
 from ogm_mcmc.files.input_files import reason_of, text_of
 from ogm_mcmc.files.output_files import replacing
-from ogm_mcmc.geometry import Pose2D, PoseBelief, pose_from_quaternion
+from ogm_mcmc.geometry import FURTHEST_M, Pose2D, PoseBelief, pose_from_quaternion
 
 __all__ = [
     'POSE_COLUMNS',
@@ -93,7 +93,8 @@ def read_trajectory(path: Path, stamps: Path | None = None) -> Trajectory:
     """Read a trajectory; `stamps` is the other file where the format keeps no stamps.
 
     Raises PoseError with file, line and what was expected: for numbers that are missing, no
-    numbers or not finite, a pose that is not level, and stamps that do not increase.
+    numbers or not finite, a pose that is not level or absurdly far away, and stamps that do not
+    increase.
     """
     lines = list(_lines(path))
     if not lines:
@@ -106,7 +107,7 @@ def read_trajectory(path: Path, stamps: Path | None = None) -> Trajectory:
         raise PoseError(f'{path}: {kind} has its own stamps: expected no file beside it')
     if kind == 'CSV':
         del lines[0]
-    posed = [found for line in lines if (found := _read_line(path, line, read))]
+    posed = [found for line in lines if (found := _read_line(path, line, _within(read)))]
     if stamps is not None:
         posed = (_by_id if kind == 'g2o' else _by_place)(path, posed, stamps)
     if not posed:
@@ -179,6 +180,19 @@ def _format_of(path: Path, line: _Line) -> str:
 
 Reader = Callable[[_Line], _Posed | None]
 Read = TypeVar('Read')
+
+
+def _within(read: Reader) -> Reader:
+    """Return what reads a line and refuses a pose further away than any robot is."""
+
+    def checked(line: _Line) -> _Posed | None:
+        found = read(line)
+        if found is not None and max(abs(found.pose.x_m), abs(found.pose.y_m)) > FURTHEST_M:
+            place = f'{found.pose.x_m:g}, {found.pose.y_m:g}'
+            raise PoseError(f'position ({place}): expected numbers up to {FURTHEST_M:g} m')
+        return found
+
+    return checked
 
 
 def _read_line(path: Path, line: _Line, read: Callable[[_Line], Read]) -> Read:

@@ -21,7 +21,7 @@ from ogm_mcmc.mapping import METHODS
 from ogm_mcmc.pipeline import MappingPipeline
 
 NUMBERS = [0.0, -0.0, 1.0, -1.0, 5e-324, 1e-310, 1e-39, -1e-20, 1e-9, 0.05, 6.3, -7.0, 40.0, 1e4,
-           1e6, 1.1e6, -1e9, 3e38, -3e38, 1.7e308, np.nan, np.inf, -np.inf]  # fmt: skip
+           1e6, 1e7, 1.1e7, -1e9, 3e38, -3e38, 1.7e308, np.nan, np.inf, -np.inf]  # fmt: skip
 LONGEST_S = 10.0
 
 CONFIGS = [

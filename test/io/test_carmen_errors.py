@@ -67,6 +67,7 @@ def test_odometry_cut_off_before_its_time(write_log, kept):
         (FLASER.replace(' 1.25 ', ' 1,25 '), 'x'),
         (FLASER.replace(' -2.5 ', ' nan '), 'y'),
         (FLASER.replace(' 0.75 ', ' inf '), 'theta'),
+        (FLASER.replace(' 1.25 ', ' 2e7 '), 'position (2e+07, -2.5)'),
         (FLASER.replace(' 12.5 ', ' soon '), 'time'),
         (FLASER.replace(' 12.5 ', ' nan '), 'time'),
         (FLASER.replace(' 0.5 ', ' 0.5.5 '), 'range'),

@@ -83,7 +83,7 @@ def test_columns_are_found_by_their_names(tmp_path, content):
         ('x,y\n', 'no point'),
         ('1,2\n3\n', 'line 2: 3: expected x,y'),
         ('1,2\na,b\n', 'line 2: a b: expected x,y'),
-        ('1,inf\n', 'line 1: 1, inf: expected finite numbers up to 1e\\+06 m'),
+        ('1,inf\n', 'line 1: 1, inf: expected finite numbers up to 1e\\+07 m'),
         ('1,nan\n', 'line 1: 1, nan: expected finite'),
         ('nan,1\n2,3\n', 'line 1: nan, 1: expected finite'),
         ('1,,2\n', 'line 1: 1  2: expected x,y'),

@@ -81,6 +81,12 @@ LINE = '1 0 0 0 0 0 0 1\n'
         (LINE + '2 0 0 0 0 0 0\n', None, 'line 2: 7 values: expected 8'),
         (LINE + '2 0 O 0 0 0 0 1\n', None, "line 2: 'O': expected a finite number"),
         (LINE + '2 0 nan 0 0 0 0 1\n', None, "line 2: 'nan': expected a finite number"),
+        (
+            LINE + '2 1e300 0 0 0 0 0 1\n',
+            None,
+            'line 2: position (1e+300, 0): expected numbers up',
+        ),
+        (G2O.replace('9 3.25', '9 2e7'), IDS, 'line 2: position (2e+07, -4): expected numbers up'),
         ('-1 0 0 0 0 0 0 1\n', None, "line 1: stamp '-1': expected s from 0 on"),
         ('1e300 0 0 0 0 0 0 1\n', None, "line 1: stamp '1e300': expected s"),
         ('nan 0 0 0 0 0 0 1\n', None, "line 1: stamp 'nan': expected s"),
