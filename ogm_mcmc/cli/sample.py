@@ -206,8 +206,9 @@ def _run(
     margin = chosen.shown.unknown_margin
     sampled = SampledMaps(refinement, maps, margin, options.thin, trajectory)
     result['files'] = write_all(sampled, chosen.output, result, options.folder, options.name)
-    sensor = '' if refinement.sensor is None else f'sensor, 95 %: {refinement.sensor}'
-    lines = filter(None, (answer_text(result), sensor, str(refinement.no_return)))
+    beams = refinement.beams
+    sensor = '' if beams.sensor is None else f'sensor, 95 %: {beams.sensor}'
+    lines = filter(None, (answer_text(result), sensor, str(beams.no_return)))
     print_result(options, result, '\n'.join(lines))
     return 0 if failed is None else 1
 

@@ -24,7 +24,7 @@ def sampling_figures(
     """Return what was sampled and how well; as JSON takes it."""
     sampler, index = refinement.sampler, refinement.size
     assert sampler is not None
-    quality = sampler.quality()
+    quality, beams = sampler.quality(), refinement.beams
     figures = {
         # Finite or null: JSON knows no infinity.
         key: None if isinstance(value, float) and not np.isfinite(value) else value
@@ -42,8 +42,8 @@ def sampling_figures(
         'undecided_cells': None if quality is None else quality.summary()['undecided_cells'],
         **figures,
         'agreeing_share': progress.agreeing_share if stop.r_hat > 0.0 else None,
-        'no_return': refinement.no_return.as_dict(),
-        'sensor': None if refinement.sensor is None else refinement.sensor.as_dict(),
+        'no_return': beams.no_return.as_dict(),
+        'sensor': None if beams.sensor is None else beams.sensor.as_dict(),
         'resumed_at': resumed,
         'sampling_seconds': round(progress.seconds, 3),
     }

@@ -62,8 +62,8 @@ def figures_of(refinement: Refinement) -> dict[str, Any]:
     return {
         'rays': size.n_rays,
         'merged': size.n_merged,
-        'sensor': refinement.sensor,
-        'no_return': refinement.no_return,
+        'sensor': refinement.beams.sensor,
+        'no_return': refinement.beams.no_return,
         'n_bytes': size.n_bytes + sampler.n_bytes,
         'index_bytes': size.n_bytes,
     }

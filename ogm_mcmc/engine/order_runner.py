@@ -88,8 +88,9 @@ class OrderRunner:
     def _failed(self, text: str) -> None:
         self._warn(f'not refined: {text}')
         # The next window may be chosen by what was found of beams.
-        found, status = self._refinement, self.status._replace(stopped='error', error=text)
-        status = status._replace(no_return=found.no_return_found, model=found.model_found)
+        found = self._refinement.beams_found
+        status = self.status._replace(stopped='error', error=text)
+        status = status._replace(no_return=found.no_return, model=found.model)
         self.status = status._replace(state='idle')
 
     def _sample(self, order: Order) -> None:
@@ -112,13 +113,15 @@ class OrderRunner:
         """Sample until a limit, for what is left of the time, or until poses want a look."""
         refinement = self._refinement
         assert refinement.sampler is not None
+        # Who keeps scans lets the same go.
+        kept = order.kept if order.left_out else None
+        model = refinement.beams_found.model if kept is None else kept.model
         self.status = self.status._replace(
             state='sampling',
             scans=len(order.scans),
             left_out=order.left_out,
             **figures_of(refinement),
-            # Who keeps scans lets the same go.
-            model=order.kept.model if order.left_out and order.kept else refinement.model_found,
+            model=model,
             chain_sweeps=self._chains.sweeps,
         )
         left_s = max(order.stop.max_time - (time.monotonic() - began), LEAST_S)

@@ -133,7 +133,7 @@ def posterior_of(
 ) -> tuple[RayWindow, PosteriorModel]:
     """Return the rays of scans and their posterior, as `Refinement` has them, without chains.
 
-    For settings of which nothing has to be found out, see `Refinement.found_settings`; `table`:
+    For settings of which nothing has to be found out, see `BeamsFound.as_given`; `table`:
     that of their `patch_prior`.
     """
     window = window_of(config)

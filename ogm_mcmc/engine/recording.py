@@ -16,11 +16,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from ogm_mcmc.config import ForwardModelConfig, RecordingConfig, SamplerConfig
+from ogm_mcmc.engine.beams_found import alike
 from ogm_mcmc.engine.coverage import Coverage
 from ogm_mcmc.engine.measured_scans import MeasuredScan, box_around, measuring, on_border
 from ogm_mcmc.engine.no_returns import NoReturnChoice
 from ogm_mcmc.engine.recent import Recent
-from ogm_mcmc.engine.sensor_fit import alike
 from ogm_mcmc.engine.strays import around_most, too_far_apart
 from ogm_mcmc.errors import GridError
 from ogm_mcmc.geometry import CellBox, PlacedScan, Pose2D, Scan, wrap_angle

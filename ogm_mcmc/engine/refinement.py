@@ -20,6 +20,7 @@ import numpy as np
 
 from ogm_mcmc.arrays import BoolArray, Float32Array
 from ogm_mcmc.config import SamplerConfig, StopConfig, flatten
+from ogm_mcmc.engine.beams_found import BeamsFound, alike
 from ogm_mcmc.engine.completed_map import Beside
 from ogm_mcmc.engine.earlier_chains import EarlierChains
 from ogm_mcmc.engine.fingerprint import fingerprint
@@ -31,7 +32,7 @@ from ogm_mcmc.engine.live_map import (
     live_map,
     reflection_map,
 )
-from ogm_mcmc.engine.no_returns import NoReturnChoice, NoReturns, no_return_of
+from ogm_mcmc.engine.no_returns import no_return_of
 from ogm_mcmc.engine.posterior import Grown, patch_prior, posterior_model, size_of, window_of
 from ogm_mcmc.engine.progress import IndexSize, Progress, nothing_said
 from ogm_mcmc.engine.range_spread import blur_of
@@ -43,15 +44,6 @@ from ogm_mcmc.engine.saved_chains import (
     require_saved,
     save_chains,
     saved_settings,
-)
-from ogm_mcmc.engine.sensor_fit import (
-    SensorNumbers,
-    alike,
-    fit_sensor,
-    found_of_beams,
-    may_stay,
-    saved_beams,
-    without_grazing,
 )
 from ogm_mcmc.engine.warp import moved_cells
 from ogm_mcmc.engine.window_changes import WindowChange
@@ -84,13 +76,8 @@ class Refinement:
         self.corrected = False  # whether scans were placed anew when they were last taken
         # Whether what is indexed, if anything, is no longer that of the chains.
         self._index_spent = False
-        self.no_return = NoReturnChoice.of(config.window.no_return, NoReturns(0, 0))
-        self.no_return_found = self.no_return  # in the last scans, even if these were refused
-        self.model = config.model  # of the beams, fitted where that is wanted
-        self.model_found = self.model  # in the last scans, even if these were refused
-        self.sensor: SensorNumbers | None = None
-        self._told = 0  # how many scans told of the sensor
-        self._came = 0  # how many came in since
+        self.beams = BeamsFound.of_none(config)
+        self.beams_found = self.beams  # in the last scans, even if these were refused
         self.window = self._empty_window()
         self._table, self.prior = patch_prior(config)
         self.sampler: PosteriorSampler | None = None
@@ -122,53 +109,45 @@ class Refinement:
         if start is not None:
             check_lattice(self.window.spec, start)
         change = WindowChange.between(self._taken, scans)
-        old, held = self.window.spec, (self.no_return, self.model, self.sensor)
+        old, before = self.window.spec, self.beams
         asked = self.config.window
         found = no_return_of(asked.no_return, scans, asked.resolution, asked.max_range)
-        grows = change.small and found.value == self.no_return.value
-        # Twice as many scans tell what the sensor is like better than those that did.
-        came = self._came + len(change.new)
-        fits = not grows or (self.sensor is not None and came >= self._told)
+        grows = change.small and found.value == before.no_return.value
+        self.beams_found = self.beams_found._replace(no_return=found)
         self._index_spent, self._live = False, None
-        self.no_return_found = found
         try:
-            self.no_return = found
-            if fits:
-                model, sensor = fit_sensor(scans, self._decided())
-                grows = grows and may_stay(self.model, model)
-                if not grows:
-                    self.model, self.sensor = model, sensor
-            self.model_found = self.model
+            beams = before._replace(no_return=found)
+            beams = beams.renewed(scans, len(change.new), self.config, grows=grows)
+            self.beams = self.beams_found = beams
+            grows = grows and beams.model == before.model
             earlier = EarlierChains.of(self.sampler, self.window.spec, self.config.chain.prior)
             on = self.sampler if grows else None
             try:
                 window, dropped = self._indexed(scans, change if grows else None)
             except WindowFullError:
-                plain = without_grazing(self.config.model, self.model, self.sensor)
+                plain = beams.without_grazing(self.config.model)
                 if plain is None or whole:
                     raise
-                (self.model, self.sensor), on = plain, None
+                self.beams, on = plain, None
                 window, dropped = self._indexed(scans, None)
             moved = None if change.extends else moved_cells(window.spec, self._taken, scans)
             grown = None if on is None else Grown(on.model, on.states, old, dropped)
-            as_before = alike(self.model, held[1])
+            as_before = alike(self.beams.model, before.model)
             if moved is not None and not as_before:
                 # Wrong poses told of a wrong sensor: no chain has been where it should be.
                 moved = np.ones_like(moved)
             as_before = as_before or moved is not None
-            same = self.no_return.value == held[0].value and as_before
+            same = found.value == before.no_return.value and as_before
             known = earlier is not None and earlier.know(self._taken, scans)
             soon = same and start is None and known
             sampler = self._begun(window, scans, start, (earlier, moved, soon), grown)
         except BaseException:
-            self.no_return, self.model, self.sensor = held
-            self._live = None
+            self.beams, self._live = before, None
             if self._index_spent:
                 self._take_nothing()
             raise
         self.window, self._taken, self.corrected = window, list(scans), moved is not None
         self.sampler, self.rounds, self._others = sampler, SamplingRounds(), None
-        self._told, self._came = (len(scans), 0) if fits else (self._told, came)
         return self.size.n_rays
 
     def _take_nothing(self) -> None:
@@ -214,16 +193,10 @@ class Refinement:
 
     def _decided(self) -> SamplerConfig:
         """Return the settings with what no return was found to mean."""
-        window = replace(self.config.window, no_return=self.no_return.value)
-        return replace(self.config, window=window)
-
-    def found_settings(self) -> SamplerConfig:
-        """Return the settings with all that scans told: nobody given these looks for it again."""
-        chain = replace(self.config.chain, sensor='given')
-        return replace(self._decided(), model=self.model, chain=chain)
+        return self.beams.in_settings(self.config)
 
     def _empty_window(self) -> RayWindow:
-        return window_of(replace(self._decided(), model=self.model))
+        return window_of(replace(self._decided(), model=self.beams.model))
 
     def _begun(
         self,
@@ -304,8 +277,8 @@ class Refinement:
         if self.sampler is None:
             raise WindowError('nothing was sampled yet: no state to save')
         with replacing(path) as temporary:
-            found = found_of_beams(self.model, self.sensor, self._told)
-            save_chains(self.sampler, temporary, {**self._identity(), FOUND: found})
+            found = {**self._identity(), FOUND: self.beams.as_dict()}
+            save_chains(self.sampler, temporary, found)
 
     def resume(self, path: Path) -> None:
         """Go on from a saved state instead of the start that `take` made.
@@ -320,21 +293,20 @@ class Refinement:
         accept = partial(require_saved, path, self._identity())
         saved = saved_settings(path)
         accept(saved)
-        held, self._index_spent = (self.model, self.sensor), False
+        before, self._index_spent = self.beams, False
         try:
-            self.model, self.sensor, told = saved_beams(path, saved.get(FOUND), self.config.model)
-            if self.model != held[0]:
+            self.beams = before.saved(path, saved.get(FOUND), self.config.model, len(self._taken))
+            if self.beams.model != before.model:
                 self.window, _ = self._indexed(self._taken, None)
                 posterior = self._posterior(self.window, None)
             else:
                 posterior = self.sampler.model
             sampler, _ = load_chains(path, posterior, accept)
         except BaseException:
-            self.model, self.sensor = held
+            self.beams = before
             if self._index_spent:
                 self._take_nothing()
             raise
-        self._told, self._came = told, max(len(self._taken) - told, 0)
         self.sampler, self.rounds = sampler, SamplingRounds()
 
     def _identity(self) -> dict[str, Any]:
@@ -350,10 +322,9 @@ class Refinement:
         `Beside.completed` has it. `of` draws of the burn-in as of those that count.
         """
         of, cell_m = of or self._sampled().estimate(), self.config.window.resolution
-        blur, weight = blur_of(self.model.sigma_m, cell_m), self.config.chain.reflecting
-        in_part = filled_in_part(
-            None if self.sensor is None else self.sensor.grazing, blur, cell_m
-        )
+        blur, weight = blur_of(self.beams.model.sigma_m, cell_m), self.config.chain.reflecting
+        sensor = self.beams.sensor
+        in_part = filled_in_part(None if sensor is None else sensor.grazing, blur, cell_m)
         return self._beside().completed(self.drawn_map(of), of.draws, weight, blur, in_part)
 
     def drawn_map(self, of: Estimate | None = None) -> GridMap:

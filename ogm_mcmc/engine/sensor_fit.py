@@ -22,9 +22,8 @@ Consequence. Generated buildings, 5 % of the beams: `docs/results.md`. Intel (od
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -34,18 +33,13 @@ from ogm_mcmc.config import ForwardModelConfig, MapperConfig, SamplerConfig, Win
 from ogm_mcmc.engine.grazing import Grazing, grazing_of
 from ogm_mcmc.engine.range_pairs import narrower, spread_of_pairs
 from ogm_mcmc.engine.range_spread import Spread, blur_of, contradicted, spread_of
-from ogm_mcmc.errors import WindowError
 from ogm_mcmc.geometry import CellBox, HeldRays, PlacedScan, Rays, cast_rays
 from ogm_mcmc.mapping.counting import CountingMapper
 
 __all__ = [
     'SensorNumbers',
     'Share',
-    'alike',
     'fit_sensor',
-    'found_of_beams',
-    'may_stay',
-    'saved_beams',
 ]
 
 # A cell is solid if so many scans ended there for each that passed, and at least so many.
@@ -60,12 +54,6 @@ SEEN_BEFORE = 100.0
 
 # For the ends of intervals: a thousandth of a deviation matters to nobody.
 INTERVAL_DRAWS = 20_000
-
-# Chains need not forget where they were when sigma changed by no more than that.
-SAME_SIGMA = 0.1
-
-# Nor need rays be entered anew where a share changed by no more than that of itself.
-SAME_SHARE = 0.2
 
 # Cells are no walls: a beam past the corner of one contradicts it. Shares are no smaller.
 LEAST_SHARE = 0.005
@@ -114,6 +102,17 @@ class SensorNumbers(NamedTuple):
         """Return `clutter 0.0123 (0.0090 to 0.0160), sigma 0.0168 m (0.0150 to 0.0190)`."""
         return ', '.join(
             f'{name} {found}' for name, found in self._asdict().items() if found is not None
+        )
+
+    @classmethod
+    def of_dict(cls, values: Mapping[str, Any]) -> SensorNumbers:
+        """Return what `as_dict` gave; raises KeyError, TypeError or ValueError if it did not."""
+        clutter, missing, sigma, grazing = (values[name] for name in cls._fields)
+        return cls(
+            None if clutter is None else Share(**clutter),
+            None if missing is None else Share(**missing),
+            None if sigma is None else Spread(**sigma),
+            None if grazing is None else Grazing.of_dict(grazing),
         )
 
     def as_dict(self) -> dict[str, Any]:
@@ -167,20 +166,6 @@ def fit_sensor(
         missing=max(missing.mean, LEAST_SHARE) if clears else given.missing,
     )
     return model, SensorNumbers(clutter, missing if clears else None, spread, grazing)
-
-
-def without_grazing(
-    asked: ForwardModelConfig, model: ForwardModelConfig, sensor: SensorNumbers | None
-) -> tuple[ForwardModelConfig, SensorNumbers] | None:
-    """Return what was found as if none of its grazing counted; None where that is nothing else.
-
-    asked  the settings: grazing that somebody asked for stays
-    Rays that graze are likely along more cells, and the index is larger.
-    """
-    if asked.grazing >= 0.0 or model.grazing == 0.0 or sensor is None or sensor.grazing is None:
-        return None
-    grazing = sensor.grazing._replace(used=0.0)
-    return replace(model, grazing=0.0), sensor._replace(grazing=grazing)
 
 
 def _shares(seen: _Seen, cast: HeldRays, scans: Sequence[PlacedScan]) -> tuple[Share, Share]:
@@ -272,58 +257,6 @@ def _mapped(scans: Sequence[PlacedScan], window: WindowConfig) -> tuple[Counting
         if rays.n_rays:
             mapper.update_by(rays)
     return mapper, cast
-
-
-def alike(one: ForwardModelConfig, other: ForwardModelConfig) -> bool:
-    """Whether models differ in what is fitted alone, which changes a little with a few scans."""
-    least = SAME_SIGMA * min(one.sigma, other.sigma)
-    near = (
-        math.isclose(one.sigma, other.sigma, rel_tol=SAME_SIGMA)
-        and math.isclose(one.grazing, other.grazing, rel_tol=SAME_SIGMA, abs_tol=least)
-    )  # fmt: skip
-    found = replace(one, clutter=other.clutter, missing=other.missing)
-    return near and replace(found, sigma=other.sigma, grazing=other.grazing) == other
-
-
-def may_stay(one: ForwardModelConfig, other: ForwardModelConfig) -> bool:
-    """Whether one of two models that are alike says what the other does, nearly, of any beam."""
-    shares = ((one.clutter, other.clutter), (one.missing, other.missing))
-    near = all(math.isclose(before, now, rel_tol=SAME_SHARE) for before, now in shares)
-    return near and alike(one, other)
-
-
-def found_of_beams(
-    model: ForwardModelConfig, sensor: SensorNumbers | None, scans: int
-) -> dict[str, Any]:
-    """Return what was found of the beams of so many scans, as JSON has it."""
-    numbers = None if sensor is None else sensor.as_dict()
-    shares = {'clutter': model.clutter, 'missing': model.missing}
-    spreads = {'sigma': model.sigma, 'grazing': model.grazing}
-    return {**spreads, **shares, 'sensor': numbers, 'scans': scans}
-
-
-def saved_beams(
-    path: Path, saved: Any, model: ForwardModelConfig
-) -> tuple[ForwardModelConfig, SensorNumbers | None, int]:
-    """Return what a saved state says of beams, and how many scans told; raises WindowError.
-
-    `model`: what was asked for.
-    """
-    try:
-        names = ('sigma', 'grazing', 'clutter', 'missing')
-        sigma, grazing, clutter, missing = (float(saved[name]) for name in names)
-        found = replace(model, sigma=sigma, grazing=grazing, clutter=clutter, missing=missing)
-        numbers, scans = saved['sensor'], int(saved['scans'])
-        if numbers is None:
-            return found, None, scans
-        shares = (numbers[name] for name in ('clutter', 'missing'))
-        wrong, lost = (None if share is None else Share(**share) for share in shares)
-        spread, off = numbers['sigma'], numbers['grazing']
-        spread = None if spread is None else Spread(**spread)
-        off = None if off is None else Grazing.of_dict(off)
-        return found, SensorNumbers(wrong, lost, spread, off), scans
-    except (KeyError, TypeError, ValueError) as error:
-        raise WindowError(f'{path}: expected what was found of the beams ({error})') from error
 
 
 def _sum_around(counts: Int64Array, reach: int) -> Int64Array:

@@ -29,7 +29,8 @@ def taken_that_fit(
         try:
             take(scans)
         except WindowFullError:
-            fewer = kept.fewer(scans, refinement.no_return_found, refinement.model_found)
+            found = refinement.beams_found
+            fewer = kept.fewer(scans, found.no_return, found.model)
             if len(fewer) == len(scans):
                 raise
             if ended():

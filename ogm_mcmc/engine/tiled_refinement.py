@@ -85,14 +85,14 @@ class TiledRefinement(Refinement):
         window.spec = window.spec.windowed(size.box)
         side = 0 if self._table is None else self._table.side
         tiling = tiling_of(window.spec, *self._shape, side)
-        given = self.found_settings()
+        given = self.beams.as_given(self.config)
         patch, chain = given.patch, given.chain
         n_chains = given.chains_for(size.rays)
         self._index_spent = True  # the tiles of before are held no longer
         held = self._holders.hold(given, scans, tiling)
         prior = TilePrior(chain.prior_log_odds, chain.order, side, patch.margin, patch.escape)
-        batch = batch_of(scans, given.window, self.model)
-        arrive = partial(arrivals, batch, self.model, tiling.spec)
+        batch = batch_of(scans, given.window, given.model)
+        arrive = partial(arrivals, batch, given.model, tiling.spec)
         self._model = TiledModel(tiling, held.reports, held.tiles, prior, arrive)
         self._size = IndexSize(
             size.rays,

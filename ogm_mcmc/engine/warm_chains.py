@@ -74,7 +74,7 @@ class WarmChains:
             if refinement.sampler is None:  # an error, after the index had changed
                 self._earlier_sweeps = 0
         # The share of beams in the text is another one with every scan.
-        choice = refinement.no_return
+        choice = refinement.beams.no_return
         decided = choice.asked, choice.value
         if str(choice) and decided != self._said_no_return:
             self._log(str(choice))

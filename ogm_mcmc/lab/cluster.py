@@ -86,7 +86,7 @@ def distribute(
     if here is None:
         raise WindowError('no scan was taken: nothing to sample')
     # What was found out here is not looked for again by a worker.
-    parcel = pack_problem(refinement.found_settings(), scans)
+    parcel = pack_problem(refinement.beams.as_given(refinement.config), scans)
     problem = Problem(digest(parcel), refinement.size.n_rays, here.model.n_cells)
     distant = refinement.sampler = DistantSampler(here, problem, parcel, executor)
     return distant

@@ -9,6 +9,7 @@ from support.strategies import fan
 
 from ogm_mcmc.config import ChainConfig, SamplerConfig, WindowConfig
 from ogm_mcmc.config.nodes import NodeModelConfig
+from ogm_mcmc.engine.beams_found import alike
 from ogm_mcmc.engine.grazing import (
     ALIKE_M,
     HALF,
@@ -22,7 +23,7 @@ from ogm_mcmc.engine.grazing import (
 )
 from ogm_mcmc.engine.range_spread import Spread
 from ogm_mcmc.engine.refinement import Refinement
-from ogm_mcmc.engine.sensor_fit import alike, fit_sensor
+from ogm_mcmc.engine.sensor_fit import fit_sensor
 from ogm_mcmc.errors import WindowError
 from ogm_mcmc.geometry import CellBox, PlacedScan, Pose2D
 
@@ -199,14 +200,14 @@ def test_grazing_that_would_make_the_index_too_large_does_not_count():
 
     roomy, narrow = refinement(-1.0, 10.0), refinement(-1.0)
     roomy.take(scans)
-    assert roomy.model.grazing > 0.0
+    assert roomy.beams.model.grazing > 0.0
     narrow.take(scans[:20])
-    assert narrow.model.grazing > 0.0
+    assert narrow.beams.model.grazing > 0.0
     narrow.take(scans)
-    assert narrow.model.grazing == narrow.sensor.grazing.used == 0.0
-    assert 'not counted, since the index would be too large' in str(narrow.sensor)
+    assert narrow.beams.model.grazing == narrow.beams.sensor.grazing.used == 0.0
+    assert 'not counted, since the index would be too large' in str(narrow.beams.sensor)
     assert narrow.size.n_rays == roomy.size.n_rays
-    asked = refinement(roomy.model.grazing)
+    asked = refinement(roomy.beams.model.grazing)
     with pytest.raises(WindowError, match='expected at most max_memory_mb = 1'):
         asked.take(scans)
 

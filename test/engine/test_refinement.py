@@ -61,7 +61,8 @@ def test_a_posterior_without_chains_is_that_of_chains():
     """What workers build, who are told where chains stand."""
     scans = [FIRST, SECOND, THIRD, FIRST._replace(), SECOND._replace()]
     whole = taken(*scans)
-    window, model = posterior_of(whole.found_settings(), scans, patch_prior(whole.config).table)
+    given = whole.beams.as_given(whole.config)
+    window, model = posterior_of(given, scans, patch_prior(whole.config).table)
     assert window.spec == whole.window.spec
     assert window.n_beams == whole.size.n_rays
     assert window.n_merged == whole.size.n_merged > 0
@@ -156,18 +157,18 @@ def test_what_no_return_means_is_seen_in_the_scans():
     ]
     refinement = Refinement(replace(settings(), window=NodeWindowConfig(0.5)))
     refinement.take(lost)
-    assert refinement.no_return.value == 'ignore'
-    assert refinement.no_return.found.doubtful
+    assert refinement.beams.no_return.value == 'ignore'
+    assert refinement.beams.no_return.found.doubtful
     assert refinement.window.index.n_rays == 80
     assert refinement.settings()['window.no_return'] == 'ignore'
     with pytest.raises(WindowError):
         refinement.take([NOTHING])
-    assert refinement.no_return.value == 'ignore'  # as before: nothing was taken
+    assert refinement.beams.no_return.value == 'ignore'  # as before: nothing was taken
     with pytest.raises(WindowError):
         refinement.take([*lost, FAR])
     assert refinement.window.index.n_rays == 80
     refinement.take([FIRST, SECOND])
-    assert refinement.no_return.value == 'ignore'  # two beams do not tell
+    assert refinement.beams.no_return.value == 'ignore'  # two beams do not tell
     assert refinement.window.index.n_rays == 8 - 3
 
 
@@ -189,10 +190,10 @@ def test_a_window_that_grows_means_what_one_taken_at_once_means(tmp_path):
             run(grown, max_sweeps=20)
             before = maps(grown)
         grown.take(scans[:count])
-        found.append(grown.no_return.value)
+        found.append(grown.beams.no_return.value)
         whole = Refinement(chosen)
         whole.take(scans[:count])
-        assert grown.no_return == whole.no_return
+        assert grown.beams.no_return == whole.beams.no_return
         assert grown.settings() == whole.settings()
         assert grown.window.spec == whole.window.spec
         for name in ('rays', 'lists', 'near', 'front', 'runs'):

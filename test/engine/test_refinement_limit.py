@@ -9,7 +9,9 @@ import pytest
 from support.refinements import run, scan_at, settings
 
 from ogm_mcmc.config import PatchConfig
+from ogm_mcmc.engine import beams_found
 from ogm_mcmc.engine import refinement as refinement_module
+from ogm_mcmc.engine.beams_found import BeamsFound
 from ogm_mcmc.engine.refinement import Refinement
 from ogm_mcmc.errors import WindowError
 from ogm_mcmc.sampling.first_hits import first_hits
@@ -76,13 +78,13 @@ def test_chains_go_on_as_in_an_index_that_was_built_of_the_same_scans(prior, mon
 def test_the_sensor_is_looked_at_again_when_as_many_scans_came_as_had_told_of_it(monkeypatch):
     looked = []
 
-    fit = refinement_module.fit_sensor
+    fit = beams_found.fit_sensor
 
     def fits(scans, config):
         looked.append(len(scans))
         return fit(scans, config)
 
-    monkeypatch.setattr(refinement_module, 'fit_sensor', fits)
+    monkeypatch.setattr(beams_found, 'fit_sensor', fits)
     refinement = begun('single', sensor='fitted')
     for first in range(0, 14, 2):
         refinement.take(SCANS[first : first + 8])
@@ -108,8 +110,8 @@ def test_a_state_that_fails_after_its_index_was_built_leaves_nothing_taken(monke
     other = begun('single')
     other.take(SCANS[:8])
     expected = [state.cells.tolist() for state in other.sampler.states]
-    found = replace(other.model, sigma=0.5), None, 8
-    monkeypatch.setattr(refinement_module, 'saved_beams', lambda *_: found)
+    found = other.beams._replace(model=replace(other.beams.model, sigma=0.5), told=8)
+    monkeypatch.setattr(BeamsFound, 'saved', lambda *_: found)
 
     def fails(*_):
         assert other.sampler is None  # the index of before is no longer there
@@ -122,4 +124,4 @@ def test_a_state_that_fails_after_its_index_was_built_leaves_nothing_taken(monke
     assert not other.holds(SCANS[:8])
     other.take(SCANS[:8])
     assert [state.cells.tolist() for state in other.sampler.states] == expected
-    assert other.model == refinement.model
+    assert other.beams.model == refinement.beams.model

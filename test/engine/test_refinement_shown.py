@@ -95,7 +95,7 @@ def test_the_share_of_beams_that_a_cell_reflected_has_its_weight():
     plain, found = (one.map().probability for one in (of_draws, mixed))
     spec = mixed.window.spec
     counted = reflection_map([FIRST, SECOND], mixed.config.window, spec.box)
-    blur = blur_of(mixed.model.sigma, mixed.config.window.resolution)
+    blur = blur_of(mixed.beams.model.sigma, mixed.config.window.resolution)
     reflected, least = counted.share.probability, counted.least(blur).probability
     known = np.isfinite(reflected) & np.isfinite(plain)
     assert {0.0, 1.0} <= set(reflected[known])
@@ -136,8 +136,10 @@ def test_what_cells_reflected_leaves_draws_alone_where_cells_are_walls():
     q = reflection_map([FIRST, SECOND], window, spec.box).share.probability
     least = reflection_map([FIRST, SECOND], window, spec.box).least(0.0).probability
     told = Grazing(Spread(0.0, 0.0, 150, 0.0, 0.0), 0.0)  # 150 readings, 50 before them
-    refinement.sensor = SensorNumbers(None, None, None, told)
-    refinement.model = replace(refinement.model, sigma=0.4 * window.resolution)
+    refinement.beams = refinement.beams._replace(
+        sensor=SensorNumbers(None, None, None, told),
+        model=replace(refinement.beams.model, sigma=0.4 * window.resolution),
+    )
     found = refinement.map().probability
     seen = np.isfinite(q) & np.isfinite(plain)
     assert seen.sum() > 10

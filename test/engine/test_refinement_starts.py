@@ -223,9 +223,9 @@ def test_all_begins_anew_where_wrong_poses_told_of_a_wrong_sensor(monkeypatch):
     here, there = [FIRST] * 5, [PlacedScan.at(FIRST.scan, Pose2D(20.0, 0.0)) for _ in range(4)]
     refinement = taken(*here, *there, burn_in=30)
     run(refinement, max_sweeps=31)
-    wrong = replace(refinement.model, sigma=1.5 * refinement.model.sigma)
+    wrong = replace(refinement.beams.model, sigma=1.5 * refinement.beams.model.sigma)
     placed = [*here, *(PlacedScan.at(one.scan, Pose2D(20.6, 0.0)) for one in there)]
-    monkeypatch.setattr('ogm_mcmc.engine.refinement.fit_sensor', lambda *args: (wrong, None))
+    monkeypatch.setattr('ogm_mcmc.engine.beams_found.fit_sensor', lambda *args: (wrong, None))
     refinement.take(placed)
     assert refinement.sampler.burn_in == WARM_BURN_IN
     fresh = taken(*placed, burn_in=30)
@@ -278,11 +278,11 @@ def test_chains_burn_in_where_scans_mean_another_thing(monkeypatch, changed):
     run(refinement, max_sweeps=31)
     if changed == 'no_return':
         other = NoReturnChoice('ignore', 'auto', NoReturns(100, 90))
-        assert refinement.no_return.value != other.value
+        assert refinement.beams.no_return.value != other.value
         monkeypatch.setattr('ogm_mcmc.engine.refinement.no_return_of', lambda *args: other)
     else:
         fitted = ForwardModelConfig(sigma=0.2)
-        monkeypatch.setattr('ogm_mcmc.engine.refinement.fit_sensor', lambda *args: (fitted, None))
+        monkeypatch.setattr('ogm_mcmc.engine.beams_found.fit_sensor', lambda *args: (fitted, None))
     refinement.take(many[:8])
     assert refinement.sampler.burn_in == 30
 
@@ -291,11 +291,11 @@ def test_shares_that_are_fitted_anew_are_no_other_thing(monkeypatch):
     many = [FIRST] * 9
     refinement = taken(*many, burn_in=30)
     run(refinement, max_sweeps=31)
-    sigma = 1.04 * refinement.model.sigma
-    fitted = replace(refinement.model, sigma=sigma, clutter=0.011, missing=0.02)
-    monkeypatch.setattr('ogm_mcmc.engine.refinement.fit_sensor', lambda *args: (fitted, None))
+    sigma = 1.04 * refinement.beams.model.sigma
+    fitted = replace(refinement.beams.model, sigma=sigma, clutter=0.011, missing=0.02)
+    monkeypatch.setattr('ogm_mcmc.engine.beams_found.fit_sensor', lambda *args: (fitted, None))
     refinement.take(many[:8])
-    assert refinement.model.clutter == 0.011
+    assert refinement.beams.model.clutter == 0.011
     assert refinement.sampler.burn_in == WARM_BURN_IN
 
 

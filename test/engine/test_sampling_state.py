@@ -104,14 +104,14 @@ def test_a_window_that_grew_goes_on_with_what_its_first_scans_told_of_the_beams(
     sweep(grown, 30)
     grown.save(tmp_path / 'chains.npz')
     again = taken(some, config)
-    assert again.model != grown.model
+    assert again.beams.model != grown.beams.model
     again.resume(tmp_path / 'chains.npz')
-    assert (again.model, again.sensor) == (grown.model, grown.sensor)
+    assert (again.beams.model, again.beams.sensor) == (grown.beams.model, grown.beams.sensor)
     sweep(grown, 10)
     sweep(again, 10)
     assert np.array_equal(grown.map().probability, again.map().probability, equal_nan=True)
     again.take([*some, *scans(7)[6:]])
-    assert again.model == grown.model
+    assert again.beams.model == grown.beams.model
 
 
 SAID = {'sigma': 0.05, 'grazing': 0.0, 'clutter': 0.1, 'missing': 0.1, 'sensor': None, 'scans': 4}
@@ -127,10 +127,10 @@ def test_beams_that_cannot_be_are_refused_and_change_nothing(tmp_path, found):
     first.take(some)
     sweep(first, 21)
     save_chains(first.sampler, path, {**first._identity(), 'found': found})
-    before = first.sampler, first.model, first.window
+    before = first.sampler, first.beams.model, first.window
     with pytest.raises(WindowError, match='expected what was found of the beams'):
         first.resume(path)
-    assert (first.sampler, first.model, first.window) == before
+    assert (first.sampler, first.beams.model, first.window) == before
 
 
 def test_what_was_sampled_otherwise_is_refused_and_changes_nothing(tmp_path):

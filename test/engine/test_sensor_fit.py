@@ -93,12 +93,12 @@ def test_rays_are_sampled_with_what_was_fitted_until_they_are_taken_anew():
     scans = scans_of(*[2.0] * 19, 1.0)
     refinement.take(scans)
     fitted = refinement.window.model.clutter
-    assert fitted == refinement.sensor.clutter.mean == pytest.approx(2.0 / 120.0)
+    assert fitted == refinement.beams.sensor.clutter.mean == pytest.approx(2.0 / 120.0)
     more = [*scans, *scans_of(1.0, 1.5)]
     refinement.take(more)  # the rays go on
     assert refinement.window.model.clutter == fitted
     refinement.take([*more, *scans_of(*[2.0] * 18)])  # twice as many as told of it
-    assert refinement.window.model.clutter == refinement.sensor.clutter.mean != fitted
+    assert refinement.window.model.clutter == refinement.beams.sensor.clutter.mean != fitted
     assert refinement.size.n_rays == 40
     refinement.take(scans_of(2.0, 2.0))
     assert refinement.window.model.clutter != fitted

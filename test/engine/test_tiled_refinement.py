@@ -76,7 +76,7 @@ def test_the_sensor_is_fitted_once_where_all_scans_are(scans):
     tiles.take(scans[:3])
     (given, count), *_ = holders.asked
     assert (given.chain.sensor, count) == ('given', 2)
-    assert given.model == tiles.model
+    assert given.model == tiles.beams.model
     *_, last = tiles.run(StopConfig(max_sweeps=30, max_time=1e6, r_hat=0.0))
     assert last.counted == 10
     mean = tiles.map().probability

@@ -9,6 +9,7 @@ import pytest
 from support.workers import CONFIG, ENDLESS, idle, scans, until
 
 from ogm_mcmc.config import SamplerConfig, StopConfig, WindowConfig
+from ogm_mcmc.engine.beams_found import BeamsFound
 from ogm_mcmc.engine.refinement import Refinement
 from ogm_mcmc.engine.worker import RefineWorker
 from ogm_mcmc.errors import WindowError
@@ -66,8 +67,8 @@ def test_a_state_that_fails_after_its_index_was_built_harms_nothing(make, monkey
     first = Refinement(CONFIG)
     first.take(some)
     first.save(path)
-    other = replace(first.model, sigma=0.5), None, 3
-    monkeypatch.setattr('ogm_mcmc.engine.refinement.saved_beams', lambda *_: other)
+    other = first.beams._replace(model=replace(first.beams.model, sigma=0.5), told=3)
+    monkeypatch.setattr(BeamsFound, 'saved', lambda *_: other)
 
     def fails(*_):
         raise WindowError('cut short')

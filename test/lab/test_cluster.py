@@ -75,8 +75,8 @@ def test_workers_do_not_judge_again(scans):
     with ThreadPoolExecutor(1) as pool:
         distribute(refinement, scans, pool)
     _, (shipped, _) = unpack(refinement.sampler._parcel)
-    assert shipped.window.no_return == refinement.no_return.value != 'auto'
-    assert (shipped.model, shipped.chain.sensor) == (refinement.model, 'given')
+    assert shipped.window.no_return == refinement.beams.no_return.value != 'auto'
+    assert (shipped.model, shipped.chain.sensor) == (refinement.beams.model, 'given')
 
 
 @pytest.fixture(scope='module')

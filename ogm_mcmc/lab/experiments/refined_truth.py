@@ -151,7 +151,7 @@ def score(name: str, stride: int, seed: int) -> dict[str, Any]:
         'sweeps': progress.sweeps,
         'counted': progress.counted,
         'agreed': progress.reason == 'converged',
-        'sigma_m': refinement.model.sigma_m,
+        'sigma_m': refinement.beams.model.sigma_m,
         'seconds': round(seconds, 2),
         'cells': int(measured.sum()),
         'live': judged(live),
