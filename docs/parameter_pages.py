@@ -38,7 +38,8 @@ test keeps it that way. Every wrong value is refused with the reason.
 "Live" parameters take effect while the node runs; a change of any other is refused. On the
 command line of `map`, `bench`, `demo` and `replay` the same names serve as options
 (`max_range` is `--max-range`); the first three take the node's YAML with `--params-file`, and
-refuse a name that the node does not know.
+refuse a name that the node does not know. Blocks for `/**`, `/robot1/**` or `/*/online_mapper`
+count as ROS has it; of two that fit, the later one in the file wins.
 """
 
 

@@ -70,27 +70,62 @@ def test_a_missing_file_and_a_folder(tmp_path):
 
 
 def test_file_of_several_nodes_as_ros_reads_it(tmp_path):
-    """All nodes' values, then our own; another node's are none of our business."""
+    """In the order of the file, for all nodes or for one; another node's are not ours."""
     path = tmp_path / 'robot.yaml'
     path.write_text(
         'amcl:\n  ros__parameters:\n    resolution: 0.5\n'
-        'online_mapper:\n  ros__parameters:\n    resolution: 0.2\n'
         '/**:\n  ros__parameters:\n    resolution: 0.3\n    prior: 0.4\n'
+        'online_mapper:\n  ros__parameters:\n    resolution: 0.2\n'
     )
     assert read_parameter_file(path) == {'resolution': 0.2, 'prior': 0.4}
-    assert read_parameter_file(path, 'amcl') == {'resolution': 0.5, 'prior': 0.4}
+    assert read_parameter_file(path, 'amcl') == {'resolution': 0.3, 'prior': 0.4}
     assert read_parameter_file(path, 'planner') == {'resolution': 0.3, 'prior': 0.4}
 
 
 @pytest.mark.parametrize(
     'block',
-    ['/tb1/online_mapper: {}', 'tb1: {{online_mapper: {}}}', '/**/online_mapper: {}'],
+    [
+        '/tb1/online_mapper: {}',
+        'tb1: {{online_mapper: {}}}',
+        '/**/online_mapper: {}',
+        '/tb1/**: {}',
+        '/tb1/*: {}',
+        '/*/online_mapper: {}',
+        '/tb1: {{"**": {}}}',
+        '/*/*: {}',
+        '/tb1/**/online_mapper: {}',
+        '/**/tb1/**: {}',
+        '/*: {}',
+        '/**/*: {}',
+    ],
 )
 def test_a_block_of_a_node_in_a_namespace(tmp_path, block):
     """`ros2 param dump /tb1/online_mapper` writes the first; it was left aside without a word."""
     text = block.format('{ros__parameters: {prior: 0.4}}')
     others = '/**: {ros__parameters: {prior: 0.3}}\namcl: {ros__parameters: {prior: 0.1}}\n'
-    assert parameters(tmp_path, f'{text}\n{others}') == {'prior': 0.4}
+    assert parameters(tmp_path, f'{others}\n{text}') == {'prior': 0.4}
+    assert parameters(tmp_path, f'{text}\n{others}') == {'prior': 0.3}
+
+
+@pytest.mark.parametrize(
+    ('names', 'read'),
+    [
+        (('a/online_mapper', '/a/online_mapper'), 'ab'),  # one node
+        (('/a/online_mapper', '/b/**'), 'a'),  # the node that is named
+        (('/b/**', '/a/online_mapper'), 'b'),
+        (('/*/online_mapper', '/a/**'), 'ab'),
+        (('/**', '/a/**'), 'ab'),
+        (('/**/online_mapper', '/a/**'), 'ab'),
+        (('/a(/**', '/**'), 'a'),  # no name of ROS, and no pattern either
+    ],
+)
+def test_blocks_that_fit_the_node_in_its_namespace(tmp_path, names, read):
+    lines = [
+        f'{name}: {{ros__parameters: {{{key}: 1, last: {key}}}}}'
+        for name, key in zip(names, 'ab', strict=True)
+    ]
+    expected = dict.fromkeys(read, 1) | {'last': read[-1]}
+    assert parameters(tmp_path, '\n'.join(lines)) == expected
 
 
 @pytest.mark.parametrize(
@@ -101,6 +136,9 @@ def test_a_block_of_a_node_in_a_namespace(tmp_path, block):
             r'nothing for online_mapper in it, only amcl, /tb1/planner: exp',
         ),
         (('/tb1/online_mapper', '/tb2/online_mapper'), 'expected one block for online_mapper'),
+        (('online_mapper', '/tb2/online_mapper'), 'expected one block for online_mapper'),
+        (('/tb1/**', '/tb2/**'), r'/tb1/\*\* and /tb2/\*\*: expected one block for onl'),
+        (('/tb1/amcl', '/tb1/online_mapper/sub'), 'nothing for online_mapper in it'),
     ],
 )
 def test_files_that_are_not_for_this_node(tmp_path, names, message):
