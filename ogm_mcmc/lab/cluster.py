@@ -48,14 +48,19 @@ from ogm_mcmc.lab.chain_worker import (
 )
 from ogm_mcmc.lab.memory import peak_mb
 from ogm_mcmc.lab.parcels import pack
-from ogm_mcmc.lab.workers import RETRIES, Workers, check, done_by, place, share, submit_again
+from ogm_mcmc.lab.workers import (
+    LOOK_S,
+    RETRIES,
+    Workers,
+    check,
+    done_by,
+    place,
+    share,
+    submit_again,
+)
 from ogm_mcmc.sampling import GibbsState, PosteriorSampler
 
 __all__ = ['ChainTraffic', 'DistantSampler', 'digest', 'distribute', 'pack_problem']
-
-
-# How long answers are waited for before it is asked whether any worker is still there.
-LOOK_S = 5.0
 
 
 class ChainTraffic(NamedTuple):

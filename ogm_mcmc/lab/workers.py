@@ -16,6 +16,7 @@ from ogm_mcmc import __version__
 from ogm_mcmc.errors import ClusterError, ConfigError
 
 __all__ = [
+    'LOOK_S',
     'RETRIES',
     'Workers',
     'check',
@@ -30,6 +31,9 @@ __all__ = [
 
 ANSWER_S = 10.0
 WORKERS_S = 30.0
+
+# How long answers are waited for before it is asked whether any worker is still there.
+LOOK_S = 5.0
 
 LAST_PORT = 65535
 EXPECTED = 'expected the address of a Dask scheduler, such as tcp://host:8786'

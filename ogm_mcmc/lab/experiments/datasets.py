@@ -31,6 +31,7 @@ from ogm_mcmc.errors import ConfigError, OgmError
 from ogm_mcmc.files.output_files import replacing, writable_folder
 from ogm_mcmc.files.signals import signals_later
 from ogm_mcmc.lab.experiments.worker_pool import worker_pool
+from ogm_mcmc.lab.workers import LOOK_S, check
 
 __all__ = [
     'WORKERS_VARIABLE',
@@ -161,7 +162,7 @@ def _elsewhere(
     """Work on an executor that goes on to live: after an error, nothing more is begun."""
     running = _begun(executor, work, missing)
     try:
-        _collect(running, keep)
+        _collect(running, keep, executor)
     finally:
         for future in running:
             future.cancel()
@@ -171,10 +172,19 @@ def _begun(executor: Executor, work: Work, missing: Mapping[str, Mapping[str, An
     return {executor.submit(work, **arguments): name for name, arguments in missing.items()}
 
 
-def _collect(running: Running, keep: Callable[[str, dict[str, Any]], None]) -> None:
-    """Keep every result as it comes, and take it from those that are running."""
+def _collect(
+    running: Running,
+    keep: Callable[[str, dict[str, Any]], None],
+    executor: Executor | None = None,
+) -> None:
+    """Keep every result as it comes, and take it from those that are running.
+
+    Raises ClusterError where the workers of an `executor` are all gone, and stay away.
+    """
     while running:
-        done, _ = wait(running, return_when=FIRST_COMPLETED)
+        done, _ = wait(running, None if executor is None else LOOK_S, FIRST_COMPLETED)
+        if not done and executor is not None:
+            check(executor)
         # Those that failed at the same moment come last: what is finished is kept.
         for future in sorted(done, key=_failed):
             keep(running.pop(future), future.result())

@@ -8,15 +8,16 @@ import signal
 import subprocess
 import sys
 import time
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 from support.tasks import square
 
-from ogm_mcmc.errors import ConfigError
+from ogm_mcmc.errors import ClusterError, ConfigError
 from ogm_mcmc.lab.experiments import datasets
 from ogm_mcmc.lab.experiments.datasets import ExperimentError, run_all, worker_count
+from ogm_mcmc.lab.workers import Workers
 
 
 def tasks(folder, count, **more):
@@ -259,6 +260,29 @@ def test_another_executor(tmp_path):
         results = run_all(tmp_path / 'out', square, work, executor=executor)
     assert [result['square'] for result in results.values()] == [0, 1, 4, 9, 16, 25]
     assert '0-1' not in calls(tmp_path / 'calls')
+
+
+def test_a_cluster_whose_workers_are_gone_ends_it(tmp_path, monkeypatch):
+    """Nobody ever answers: that was waited for, for ever."""
+
+    class Left(Workers):
+        def __init__(self):
+            self.looks, self.begun = 0, []
+
+        def submit(self, fn, /, *arguments, **keywords):
+            self.begun.append(Future())
+            return self.begun[-1]
+
+        def check(self):
+            self.looks += 1
+            if self.looks == 3:
+                raise ClusterError('no worker is left')
+
+    monkeypatch.setattr(datasets, 'LOOK_S', 0.01)
+    gone = Left()
+    with pytest.raises(ClusterError, match='no worker is left'):
+        run_all(tmp_path / 'out', square, tasks(tmp_path / 'calls', 2), executor=gone)
+    assert [future.cancelled() for future in gone.begun] == [True, True]
 
 
 def test_what_is_finished_when_others_fail_is_kept(tmp_path):
