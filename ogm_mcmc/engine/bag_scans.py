@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ogm_mcmc.engine.bag_topics import choose_topics
+from ogm_mcmc.engine.bag_topics import choose_topics, said_unstamped
 from ogm_mcmc.engine.mounts import MountFound, Mounts
 from ogm_mcmc.engine.odometry import OdometryAt, odometry_among
 from ogm_mcmc.engine.placing import DROP_REASONS, PoseSource, RobotScan, ScanPlacer, final_belief
@@ -170,6 +170,8 @@ class PlacedScans:
         if found is None or topics.filled_in:
             return None
         self.odometry_name = str(found)
+        if found.candidate.unstamped:
+            self.tell(said_unstamped([found.candidate.name]))
         source = recorded_poses(self.bag, topics.tree, found.candidate, self.choice.limits)
 
         def at(stamp_ns: int) -> Pose2D | None:

@@ -25,6 +25,7 @@ from ogm_mcmc.engine.pose_choice import (
     FILE,
     TF,
     PoseCandidate,
+    RankedPoses,
     choose_poses,
     tf_candidates,
 )
@@ -47,7 +48,7 @@ from ogm_mcmc.io.tf_messages import TF_TYPES
 from ogm_mcmc.io.trajectory_files import Trajectory, read_trajectory, with_ends_held
 from ogm_mcmc.io.tum_files import deviations_file, read_deviations
 
-__all__ = ['choose_topics']
+__all__ = ['choose_topics', 'said_unstamped']
 
 BASE_FRAME = 'base_link'
 
@@ -95,7 +96,7 @@ def _with_poses(
     stamps = np.concatenate([topic.stamps for topic in scans])
     candidates = _candidates(seen, frames, [topic.topic.name for topic in scans])
     trajectory: Trajectory | None = None
-    moved_by = ''
+    moved_by: RankedPoses | None = None
     if choice.trajectory is not None:
         source, trajectory, moved_by = _of_file(bag, choice, scans, seen, frames, candidates)
         wanted = [source]
@@ -117,7 +118,7 @@ def _with_poses(
         raise BagError(f'{bag.path}: {poses}')
     source = poses.chosen.candidate
     remarks += [str(poses), *strays]
-    if moved_by:
+    if moved_by is not None:
         remarks.append(f'between poses of {source.name} motion is that of {moved_by}')
     if trajectory is not None and trajectory.deviations is not None:
         assert choice.trajectory is not None
@@ -128,11 +129,11 @@ def _with_poses(
         remarks.append(rare)
     used = {source.name, *(topic.topic.name for topic in scans)}
     unstamped = sorted(n for n, one in seen.topics.items() if one.unstamped and n in used)
-    if unstamped:
-        remarks.append(
-            f'stamps on {", ".join(unstamped)} are all 0 or all the same: the times of recording '
-            'are taken'
-        )
+    still = [*unstamped]
+    if moved_by is not None and moved_by.candidate.unstamped:
+        still.append(moved_by.candidate.name)
+    if still:
+        remarks.append(said_unstamped(still))
     unstamped_frames = _unstamped_above(seen, scans, frames.base_frame)
     if unstamped_frames:
         remarks.append(
@@ -150,10 +151,16 @@ def _with_poses(
         tuple(remarks),
         tuple(sensor for one in scans for sensor in zip(one.frames, one.middle_ns, strict=True)),
         frozenset(unstamped),
-        bool(moved_by),
+        moved_by is not None,
         tuple(record for one in scans for record in one.sampled),
         unstamped_frames,
     )
+
+
+def said_unstamped(topics: Sequence[str]) -> str:
+    """Return a line for the user about topics whose clocks stand still."""
+    names = ', '.join(topics)
+    return f'stamps on {names} are all 0 or all the same: the times of recording are taken'
 
 
 def _unstamped_above(seen: BagSurvey, scans: list[SeenTopic], base: str) -> tuple[str, ...]:
@@ -173,7 +180,7 @@ def _of_file(
     seen: BagSurvey,
     frames: TfFrames,
     candidates: list[PoseCandidate],
-) -> tuple[PoseCandidate, Trajectory, str]:
+) -> tuple[PoseCandidate, Trajectory, RankedPoses | None]:
     """Return the poses of a trajectory file, and what odometry they were filled in by, if any."""
     assert choice.trajectory is not None
     trajectory = read_trajectory(choice.trajectory, choice.trajectory_stamps)
@@ -185,11 +192,11 @@ def _of_file(
     base = _posed_frame(seen.tree, source, scans[0].frame, frames.base_frame)
     stamps = np.concatenate([topic.stamps for topic in scans])
     beside = choose_poses((), stamps, max_gap_s=choice.max_pose_gap_s, unwanted=candidates)
-    moved_by = ''
+    moved_by: RankedPoses | None = None
     if (found := odometry_among(beside, base, seen.tree)) is not None:
         filled = filled_in(bag, seen.tree, trajectory, found.candidate, choice.limits)
         if filled is not None:
-            trajectory, moved_by = filled, str(found)
+            trajectory, moved_by = filled, found
     # Last: poses held beside their own would tell of each other what odometry is judged by.
     trajectory = with_ends_held(trajectory)
     return source._replace(stamps=(trajectory.stamps_ns,)), trajectory, moved_by
@@ -212,7 +219,14 @@ def _candidates(seen: BagSurvey, frames: TfFrames, scans: Sequence[str]) -> list
     by_tf = tf_candidates(tree, base)
     posed = {one.frame for one in by_tf}
     found = [
-        PoseCandidate(name, one.topic.msgtype, one.frame, one.child_frame, (one.stamps,))
+        PoseCandidate(
+            name,
+            one.topic.msgtype,
+            one.frame,
+            one.child_frame,
+            (one.stamps,),
+            unstamped=one.unstamped,
+        )
         for name, one in seen.topics.items()
         # What is said in the frame of the robot is no place of the robot.
         if name not in scans

@@ -63,7 +63,8 @@ class PoseCandidate(NamedTuple):
 
     `kind`: a message type, `tf` or `trajectory file`. `frame`, `child_frame`: between which
     frames (the child may be empty). `stamps` (N,) ns of its entries, in any order; of tf one
-    array for each edge that moves. `elsewhere`: known not to be those of the robot.
+    array for each edge that moves. `elsewhere`: known not to be those of the robot. `unstamped`:
+    its messages say nothing of when, `stamps` are the times at which they were recorded.
     """
 
     name: str
@@ -72,6 +73,7 @@ class PoseCandidate(NamedTuple):
     child_frame: str
     stamps: tuple[Int64Array, ...]
     elsewhere: bool = False
+    unstamped: bool = False
 
 
 class RankedPoses(NamedTuple):

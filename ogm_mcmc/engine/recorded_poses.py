@@ -42,7 +42,8 @@ def recorded_poses(
         with contextlib.suppress(PoseError, BagError):
             message: Any = bag.decode(record)
             belief = messages.read_pose(message, with_covariance=False)
-            history.add(messages.stamp_of(message), belief)
+            stamp_ns = record.time_ns if source.unstamped else messages.stamp_of(message)
+            history.add(stamp_ns, belief)
     return history
 
 

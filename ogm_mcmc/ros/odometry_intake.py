@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any
 
 from nav_msgs.msg import Odometry
@@ -14,6 +15,7 @@ from ogm_mcmc.engine.odometry import (
     is_of_base,
     odometry_frame,
 )
+from ogm_mcmc.engine.still_clocks import StillClocks
 from ogm_mcmc.engine.tf_poses import TfPoses
 from ogm_mcmc.errors import PoseError
 from ogm_mcmc.geometry import PlacedScan, Pose2D
@@ -39,6 +41,7 @@ class OdometryIntake:
         self.used = poses.joint and poses.trajectory.odometry and source != 'odom'
         self.from_tf = source == 'tf'
         self.track = OdometryTrack()
+        self._clock = StillClocks()
         self._topic: AnyReliability | None = None
         self.configure()
 
@@ -78,8 +81,17 @@ class OdometryIntake:
             belief = messages.read_pose(msg, with_covariance=False)
         except PoseError as error:
             problems.warn('odometry_invalid', f'odometry dropped: {error}')
-        else:
-            self.track.add(messages.stamp_of(msg), belief)
+            return
+        stamp_ns = messages.stamp_of(msg)
+        again = self._clock.add(TOPIC, stamp_ns, time.monotonic())
+        if again and self._clock.stands(TOPIC, stamp_ns):
+            problems.warn(
+                'odometry_unstamped',
+                f'odometry dropped: its stamp has been {stamp_ns / 1e9:.3f} s for more than 1 s: '
+                'a clock stands still',
+            )
+            return
+        self.track.add(stamp_ns, belief)
 
     def want(self, placed: PlacedScan) -> None:
         """Have the odometry at a scan kept."""
@@ -101,6 +113,7 @@ class OdometryIntake:
     def clear(self) -> None:
         """Forget it."""
         self.track.clear()
+        self._clock.clear()
 
     def values(self) -> dict[str, object]:
         """Return what is known, for /diagnostics."""

@@ -155,6 +155,27 @@ def test_odometry_of_a_bag_is_found_beside_its_poses(write_bag, make_scan, make_
     assert odometry(stamps[0] - 1) is None
 
 
+@pytest.mark.parametrize('always', [0, 20 * SECOND])
+def test_odometry_of_a_bag_whose_clock_stands_still(write_bag, make_scan, make_pose, always):
+    """It is taken at the times of recording, and that is said, as of scans and poses."""
+    records = []
+    for k in range(8):
+        stamp = 20 * SECOND + k * SECOND // 5
+        records += [
+            ('/scan', stamp, make_scan(stamp)),
+            ('/pose', stamp, make_pose(stamp, 0.1 * k)),
+            ('/odom', stamp, ros_types.odometry(always, Pose2D(0.1 * k), 1.0, 0.0)),
+        ]
+    said = []
+    with BagReader(write_bag(records, 'mcap')) as bag:
+        scans = PlacedScans(bag, choose_topics(bag, StreamChoice()), StreamChoice())
+        scans.tell = said.append
+        odometry = scans.odometry()
+    assert odometry(20 * SECOND + SECOND // 2).x_m == pytest.approx(0.25)
+    assert said == ['stamps on /odom are all 0 or all the same: the times of recording are taken']
+    assert scans.topics.unstamped == frozenset()
+
+
 @pytest.mark.parametrize(
     ('limits', 'jump', 'asked', 'x_m'),
     [

@@ -75,6 +75,23 @@ def test_only_odometry_of_the_base_is_taken(server):
     assert problems.all() == {'odometry_wrong_frame': 1, 'odometry_wrong_child': 1}
 
 
+def test_odometry_whose_clock_stands_still_is_said(server, monkeypatch):
+    """The messages of one moment are taken, so that they tell of more than one sender."""
+    now = [0.0]
+    monkeypatch.setattr('ogm_mcmc.ros.odometry_intake.time.monotonic', lambda: now[0])
+    taken, problems = server.odometry.track.source.stamps, server.intake.problems
+    for now[0] in (0.0, 0.9):
+        server.odometry.on_odometry(odometry(7.0))
+    assert problems.all() == {}
+    assert len(taken) == 1
+    for now[0] in (1.1, 1.2):
+        server.odometry.on_odometry(odometry(7.0))
+    assert problems.all() == {'odometry_unstamped': 2}
+    server.odometry.on_odometry(odometry(8.0))
+    assert problems.all() == {'odometry_unstamped': 2}
+    assert len(taken) == 2
+
+
 def limits_of(source):
     return source.max_gap_ns, source.max_speed_m_s, source.max_turn_rad_s
 
