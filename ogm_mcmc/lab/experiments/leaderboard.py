@@ -44,6 +44,7 @@ from ogm_mcmc.lab.experiments.contests import (
     log_contest,
 )
 from ogm_mcmc.lab.experiments.datasets import run_all
+from ogm_mcmc.lab.experiments.leaderboard_gains import BORDER
 from ogm_mcmc.lab.experiments.leaderboard_page import leaderboard_page
 from ogm_mcmc.lab.experiments.mappers import (
     BURN_IN,
@@ -226,9 +227,11 @@ def _judged(
     points = held_out_points(beams, POINT_STEP_M)
     base = _log_likelihood(maps[BASE].grid_map, beams, contest)
     counted = None if contest.truth is None else _measured(contest)
+    best = _log_likelihood(maps[BORDER].grid_map, beams, contest) if BORDER in maps else None
     found = {}
     for name, (grid_map, used, chains) in maps.items():
         values = _log_likelihood(grid_map, beams, contest)
+        gain = None if best is None else beams.mean(best - values).standard_error
         nats, difference = beams.mean(values), beams.mean(values - base)
         of_points = score_points(points, probability_at(grid_map, points.xy_m, UNKNOWN))
         found[name] = {
@@ -236,6 +239,7 @@ def _judged(
             'nats_error': nats.standard_error,
             'difference': difference.value,
             'difference_error': difference.standard_error,
+            'border_gain_error': gain,
             'points_roc_area': of_points.counts.roc_area(),
             'points_log_loss': of_points.log_loss.value,
             'seconds': round(used.seconds, 3),

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ogm_mcmc.config.sampling import CHAINS_SAID
+from ogm_mcmc.lab.experiments.leaderboard_gains import gains
 from ogm_mcmc.lab.experiments.mappers import WITH_JOINT_POSES
 
 __all__ = ['leaderboard_page']
@@ -118,6 +119,7 @@ def leaderboard_page(result: Mapping[str, Any]) -> str:
         for percent in _percents(buildings):
             some = [entry for entry in buildings if entry['percent'] == percent]
             parts.append(f'### {percent} % of the beams\n\n{_building_table(some)}')
+    parts += gains(entries)
     joint = ' and '.join(f'`{name}`' for name in WITH_JOINT_POSES)
     return '\n'.join([*parts, CLOSING.format(joint=joint) + _left_out(result, names)])
 

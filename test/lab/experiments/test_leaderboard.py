@@ -11,7 +11,7 @@ import pytest
 from ogm_mcmc import __version__
 from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.geometry import GridMap, GridSpec, PlacedScan, Pose2D, Scan
-from ogm_mcmc.lab.experiments import contests, leaderboard, mappers
+from ogm_mcmc.lab.experiments import contests, leaderboard, leaderboard_gains, mappers
 from ogm_mcmc.lab.experiments.leaderboard_page import leaderboard_page
 
 SPEC = GridSpec(0.1, 40, 40, -20, -20)
@@ -159,7 +159,11 @@ def test_the_page_in_the_docs_is_what_the_experiment_writes() -> None:
             'version': __version__,
             'seed': 1,
             'every': {'names': names, 'percents': percents},
-            'entries': [entry(name, p, 'fixed', a=0.5) for p in percents for name in names],
+            'entries': [
+                entry(name, p, 'fixed', **{leaderboard_gains.BORDER: 0.5})
+                for p in percents
+                for name in names
+            ],
         }
     )
 
@@ -171,6 +175,79 @@ def test_the_page_in_the_docs_is_what_the_experiment_writes() -> None:
         assert re.search(rf'\n\| {mapper}(, 2 chains)? \|', page)
     for mapper in mappers.WITH_JOINT_POSES:
         assert re.search(rf'\n\| {mapper}, joint poses(, 2 chains)? \|', page)
+
+
+def test_what_the_border_prior_is_worth_is_paired() -> None:
+    border, patch = leaderboard_gains.BORDER, 'sampled, patch prior'
+    assert {border, *leaderboard_gains.OF_LOGS, *leaderboard_gains.OF_BUILDINGS} <= set(
+        mappers.MAPPERS
+    )
+    log: Any = entry('intel', 25, 'fixed', **{border: 1.0, patch: 0.25, 'counting': 1.5})
+    log['mappers'][patch]['border_gain_error'] = 0.0625
+    of_buildings = [
+        entry(f'building-{k}', percent, 'fixed', **{border: 1.0 + k, patch: nats})
+        for percent in (100, 5)
+        for k, nats in enumerate((1.0, 2.5))
+    ]
+    joint = entry('building-1', 5, 'joint', **{border: 2.25})
+    logs, buildings = leaderboard_gains.gains([log, *of_buildings, joint])
+    assert '| nats a beam | 25 % |\n' in logs
+    assert '| intel: sampled, patch prior | +0.750 +- 0.062 |\n' in logs
+    assert '| intel: counting | -0.500 |\n' in logs  # as of results that kept no error
+    assert '| building by building | 100 % | 5 % |\n' in buildings
+    paired = '-0.250 +- 0.250'
+    assert f'| sampled, patch prior: nats | {paired} | {paired} |\n' in buildings
+    assert '| joint poses: nats | - | +0.250 |\n' in buildings
+    assert leaderboard_gains.gains([entry('intel', 25, 'fixed', a=1.0)]) == []
+
+
+def test_what_is_written_of_the_leaderboard_holds_in_its_tables() -> None:
+    """When this fails after a run: see README and the section of `docs/results.md`."""
+    root = Path(__file__).parents[3]
+    page = (root / 'docs' / 'leaderboard.md').read_text()
+    tables = {}
+    for part in re.split(r'\n(?=##+ )', page)[1:]:
+        heading, *lines = part.splitlines()
+        cells = [line.strip('| ').replace('*', '').split(' | ') for line in lines if '|' in line]
+        if cells:
+            rows = {name.removesuffix(', 2 chains'): of for name, *of in cells[2:]}
+            tables[heading.lstrip('# ')] = cells[0][1:], rows
+
+    def first(table: str, column: str, highest: bool = True) -> str:
+        header, rows = tables[table]
+        of = {
+            name: float(row[header.index(column)])
+            for name, row in rows.items()
+            if not name.endswith('joint poses')
+        }
+        return (max if highest else min)(of, key=lambda name: of[name])
+
+    border, sampled = (
+        leaderboard_gains.BORDER,
+        [name for name in mappers.MAPPERS if 'sampl' in name],
+    )
+    for log in contests.LOGS:
+        assert {first(log, f'{percent} %') for percent in leaderboard.PERCENTS} == {border}, log
+        header, rows = tables[log]
+        points = header.index('points')
+        best = sorted(mappers.FOR_EXACT_POSES, key=lambda name: float(rows[name][points]))[-3:]
+        assert sorted(best) == sorted(sampled), log
+    for percent in leaderboard.PERCENTS:
+        of = f'{percent} % of the beams'
+        assert {first(of, column) for column in ('nats', 'best F1')} == {border}
+        errors = ('Brier', 'calibration error')
+        assert {first(of, column, highest=False) for column in errors} == {border}
+
+    intel = tables['intel'][1]
+
+    def quoted(name: str) -> list[str]:
+        return [f'{float(figure):.2f}' for figure in intel[name][:3]]
+
+    readme = ' '.join((root / 'README.md').read_text().split())
+    ours, others = quoted(border), quoted('counting')
+    assert f'Intel {ours[0]}, {ours[1]} and {ours[2]} nats a beam' in readme
+    assert f'with all beams: {others[0]}, {others[1]} and {others[2]})' in readme
+    assert f'Intel has {quoted(f"{border}, joint poses")[0]} nats' in readme
 
 
 def test_a_log_of_particles_is_placed_where_the_best_came_to(
