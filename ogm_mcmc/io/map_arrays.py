@@ -9,12 +9,13 @@ values      `probability` (0 to 1, the default), `percent` (0 to 100) or `log_od
 first_row   `bottom` (row 0 has the lowest y, the default) or `top`, as in images
 variable    the name of the array, for a MAT file that holds several
 
-Other keys do not matter, so the YAML of a map image serves. MAT files are read by scipy, where it
-is installed.
+Other keys do not matter, so the YAML of a map image serves; one that is nearly a key of these is
+refused, as a slip would turn a map over. MAT files are read by scipy, where it is installed.
 """
 
 from __future__ import annotations
 
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +34,7 @@ ARRAY_SUFFIXES = ('.npy', '.mat')
 ROUNDING = 1e-6
 VALUES = ('probability', 'percent', 'log_odds')
 FIRST_ROWS = ('bottom', 'top')
+KEYS = ('resolution', 'origin', 'values', 'first_row', 'variable')
 
 
 def load_array_map(path: Path, most_cells: int = MOST_CELLS) -> GridMap:
@@ -42,6 +44,7 @@ def load_array_map(path: Path, most_cells: int = MOST_CELLS) -> GridMap:
     if not isinstance(fields, dict) or any(key not in fields for key in ('resolution', 'origin')):
         raise MapFileError(f'{beside}: expected resolution and origin of {path.name}')
     try:
+        _refuse_slips(fields)
         resolution = yaml_number(fields, 'resolution')
         x, y = yaml_origin(beside, _with_yaw(fields['origin']))
         GridSpec(resolution, 1, 1, anchor_x_m=x, anchor_y_m=y)  # before the array is read
@@ -68,6 +71,13 @@ def _yaml_of(path: Path) -> Path:
     raise MapFileError(
         f'{path}: expected {path.with_suffix(".yaml").name} beside it, with resolution and origin'
     )
+
+
+def _refuse_slips(fields: dict[str, Any]) -> None:
+    for key in fields:
+        near = get_close_matches(str(key).lower(), KEYS, 1, 0.8)
+        if near and key not in KEYS:
+            raise ValueError(f'{key!r:.80} is no key: expected {near[0]}')
 
 
 def _with_yaw(origin: Any) -> Any:

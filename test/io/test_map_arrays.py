@@ -97,6 +97,8 @@ def test_mat_without_scipy(tmp_path, monkeypatch):
         (CELLS * 200, 'values: percent', 'percent: expected percents from 0 to 100'),
         (CELLS, 'values: odds', "values is 'odds': expected one of probability, percent, log_o"),
         (CELLS, 'first_row: left', "first_row is 'left': expected one of bottom, top"),
+        (CELLS, 'first-row: top', "'first-row' is no key: expected first_row"),
+        (CELLS, 'valeus: percent', "'valeus' is no key: expected values"),
         (CELLS[0], '', r'array of shape \(3,\): expected numbers, rows x columns'),
         (CELLS[:0], '', r'array of shape \(0, 3\): expected numbers, rows x columns'),
         (CELLS > 0, 'origin: [0, 0, 1]', 'origin has yaw 1: expected 0'),
