@@ -13,6 +13,7 @@ __all__ = [
     'disagreement',
     'no_return_values',
     'nothing_recorded',
+    'nothing_refined',
     'order_text',
     'progress_text',
     'progress_values',
@@ -45,6 +46,15 @@ def nothing_recorded(waiting: int, lost: int) -> str:
         f'no scan was recorded yet: nothing to sample ({waiting} scans wait for a pose, '
         f'{lost} messages dropped)'
     )
+
+
+def nothing_refined(status: WorkerStatus) -> str:
+    """Return why there is no refined map: none was asked for, it is on its way, or it failed."""
+    if status.state != 'idle':
+        return f'the first map is not there yet ({status.state}, {status.scans} scans)'
+    if status.stopped:
+        return f'the last ~/refine ended before its first map ({status.error or status.stopped})'
+    return 'nothing was refined yet: call ~/refine first'
 
 
 def size_refusal(scans: int, rays: int, n_bytes: int, max_memory_mb: float) -> str:

@@ -45,6 +45,7 @@ from ogm_mcmc.ros.odometry_intake import OdometryIntake
 from ogm_mcmc.ros.refine_report import (
     disagreement,
     nothing_recorded,
+    nothing_refined,
     order_text,
     progress_text,
     size_refusal,
@@ -305,7 +306,7 @@ class RefineServer(ManagedNode):
         result = self.worker.result
         if result is None:
             response.success = False
-            response.message = 'nothing was refined yet: nothing to save; call ~/refine first'
+            response.message = f'nothing to save: {nothing_refined(self.worker.status)}'
             return response
         grid_map = self.shown(result).cropped()
         try:
@@ -325,7 +326,8 @@ class RefineServer(ManagedNode):
         result = self.worker.result
         if result is None:
             response.map.header.frame_id = self.intake.settings.map_frame
-            self.get_logger().warning('~/get_map: nothing was refined yet, the map is empty')
+            why = nothing_refined(self.worker.status)
+            self.get_logger().warning(f'~/get_map: the map is empty: {why}')
         else:
             response.map = self.maps.map_message(result)
         return response

@@ -43,7 +43,7 @@ def test_nothing_to_sample():
         assert answer.message.startswith('no scan was recorded yet: nothing to sample')
         early = client.call('save_map')
         assert not early.success
-        assert early.message.startswith('nothing was refined yet')
+        assert early.message == 'nothing to save: nothing was refined yet: call ~/refine first'
 
         msg = LaserScan(range_min=0.05, range_max=5.0, ranges=[math.nan])
         msg.header.stamp.sec = 1

@@ -12,6 +12,7 @@ from ogm_mcmc.engine.refined_map import WorkerStatus
 from ogm_mcmc.engine.sensor_fit import SensorNumbers, Share
 from ogm_mcmc.ros.refine_report import (
     disagreement,
+    nothing_refined,
     order_text,
     progress_text,
     sensor_values,
@@ -36,6 +37,19 @@ def test_the_answer_says_how_much_how_long_and_from_where():
         'goes on from the chains of 120 earlier sweeps'
     )
     assert 'state file' in order_text(8, 900, STOP, 0, True)
+
+
+@pytest.mark.parametrize(
+    ('status', 'said'),
+    [
+        (WorkerStatus(), 'call ~/refine first'),
+        (WorkerStatus('indexing', 48), 'not there yet (indexing, 48 scans)'),
+        (WorkerStatus(stopped='stopped'), 'ended before its first map (stopped)'),
+        (WorkerStatus(stopped='error', error='no room'), 'before its first map (no room)'),
+    ],
+)
+def test_why_there_is_no_map_yet_is_said(status, said):
+    assert said in nothing_refined(status)
 
 
 def test_progress_is_in_percent_of_the_limit():
