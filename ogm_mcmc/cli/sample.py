@@ -42,7 +42,7 @@ from ogm_mcmc.config import (
 )
 from ogm_mcmc.config.nodes import REFINE_CONFIGS, RefineSamplerConfig
 from ogm_mcmc.engine.joint_poses import PoseRefinement, choose_joint
-from ogm_mcmc.engine.odometry import said_odometry
+from ogm_mcmc.engine.odometry import is_called_odom, said_odometry
 from ogm_mcmc.engine.recording import Recording
 from ogm_mcmc.engine.refinement import Refinement
 from ogm_mcmc.engine.tiled_refinement import TiledRefinement
@@ -251,9 +251,13 @@ def _prepare(
         refinement = TiledRefinement(chosen.sampler, *shape, tiles)
     scans = recording.snapshot()
     poses: PoseRefinement | None = None
-    choice = choose_joint(scans, chosen.poses, chosen.sampler.window.resolution)
+    drifting = bag.topics.trajectory is None and is_called_odom(bag.topics.map_frame)
+    cell_m = chosen.sampler.window.resolution
+    choice = choose_joint(scans, chosen.poses, cell_m, drifting=drifting)
     if choice.why:
         say(choice.why)
+    elif drifting and not choice.joint:
+        say('poses are those of odometry, which drifts: --poses joint estimates them')
     if choice.joint:
         poses = _joint_poses(scans, settings, bag)
         scans = scans if poses is None else poses.placed()

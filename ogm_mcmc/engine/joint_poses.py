@@ -52,29 +52,34 @@ def choose_joint(
     config: PosesConfig,
     resolution_m: float,
     before: bool | None = None,
+    drifting: bool = False,
 ) -> PosesChoice:
     """Decide `poses: auto` for scans, whose map has cells of that side.
 
     Joint, where beliefs say that they are unsure by more than half a cell or half a degree
-    (medians), and scans have enough readings to know better (median of `ENOUGH_READINGS`).
+    (medians), or poses are those of odometry (`drifting`), which says how it errs from step to
+    step if anything, and scans have enough readings to know better (median of `ENOUGH_READINGS`).
     What was chosen `before` stays until beliefs speak against it by a factor `CLEARLY`; joint
     poses stay until readings are too few by as much. Where no belief says anything, poses are
     fixed, whatever they were before.
     """
     if config.poses != 'auto':
         return PosesChoice(config.joint)
-    deviations = [found for one in scans if (found := _deviation(one.belief)) is not None]
-    if not deviations:
-        return PosesChoice(False, 'poses fixed: nothing says how sure they are')
-    place_m, turn_rad = np.median(np.array(deviations), axis=0)
+    said = 'they are those of odometry, which drifts'
+    if not drifting:
+        deviations = [found for one in scans if (found := _deviation(one.belief)) is not None]
+        if not deviations:
+            return PosesChoice(False, 'poses fixed: nothing says how sure they are')
+        place_m, turn_rad = np.median(np.array(deviations), axis=0)
+        unsure = f'{100.0 * place_m:.1f} cm and {math.degrees(turn_rad):.2f} degrees unsure'
+        factor = 1.0 if before is None else 1.0 / CLEARLY if before else CLEARLY
+        if place_m <= factor * 0.5 * resolution_m and turn_rad <= factor * UNSURE_RAD:
+            return PosesChoice(False, f'poses fixed: the localizer is only {unsure}')
+        said = f'the localizer is {unsure}'
     readings = int(np.median([np.count_nonzero(one.scan.measured()) for one in scans]))
-    said = f'{100.0 * place_m:.1f} cm and {math.degrees(turn_rad):.2f} degrees unsure'
-    factor = 1.0 if before is None else 1.0 / CLEARLY if before else CLEARLY
-    if place_m <= factor * 0.5 * resolution_m and turn_rad <= factor * UNSURE_RAD:
-        return PosesChoice(False, f'poses fixed: the localizer is only {said}')
     if readings < (ENOUGH_READINGS / CLEARLY if before else ENOUGH_READINGS):
         return PosesChoice(False, f'poses fixed: {readings} readings a scan are too few')
-    return PosesChoice(True, f'poses joint: the localizer is {said}, {readings} readings a scan')
+    return PosesChoice(True, f'poses joint: {said}, {readings} readings a scan')
 
 
 def _deviation(belief: PoseBelief) -> tuple[float, float] | None:

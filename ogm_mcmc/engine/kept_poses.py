@@ -74,7 +74,11 @@ class KeptPoses:
         self._corrections: list[tuple[int, Pose2D]] = []  # by stamp, ns: map as given to map now
 
     def choose(
-        self, scans: Sequence[PlacedScan], resolution_m: float, settled: bool = True
+        self,
+        scans: Sequence[PlacedScan],
+        resolution_m: float,
+        settled: bool = True,
+        drifting: bool = False,
     ) -> PosesChoice:
         """Decide whether poses of scans are estimated: as before, unless that is clearly wrong.
 
@@ -82,7 +86,7 @@ class KeptPoses:
         Why is logged, where that is another choice than was said last; so is that joint poses
         have to wait, where those given are not `settled`.
         """
-        choice = choose_joint(scans, self.config, resolution_m, self.joint)
+        choice = choose_joint(scans, self.config, resolution_m, self.joint, drifting)
         if not choice.joint:
             self.let_go()
         asked = set(map(_stamp, scans))

@@ -96,7 +96,8 @@ class OrderRunner:
     def _sample(self, order: Order) -> None:
         self.status = WorkerStatus('indexing', len(order.scans), chain_sweeps=self._chains.sweeps)
         cell_m = self._chains.config.window.resolution
-        if self._poses.choose(order.scans, cell_m, order.settled).joint and order.settled:
+        choice = self._poses.choose(order.scans, cell_m, order.settled, order.drifting)
+        if choice.joint and order.settled:
             self._beside.want(order.scans)
         self._soon = SOON
         taken = self._take_kept(order, time.monotonic() + order.stop.max_time)

@@ -18,6 +18,7 @@ class Order(NamedTuple):
 
     left_out  how many were chosen to go, of those that were asked for
     settled  False: their poses are being corrected, and are not to be estimated meanwhile
+    drifting  their poses are those of odometry
     """
 
     scans: Sequence[PlacedScan]
@@ -25,6 +26,7 @@ class Order(NamedTuple):
     kept: Recording | None = None
     left_out: int = 0
     settled: bool = True
+    drifting: bool = False
 
 
 class Orders:

@@ -20,6 +20,7 @@ class SamplingOrders:
     """Orders scans of a recording, which `scans` returns as they are to be sampled.
 
     `limits` are those asked for last; their time holds, however often scans are corrected.
+    `drifts` says whether scans were recorded at poses of odometry; corrected ones are not.
     """
 
     def __init__(
@@ -28,9 +29,12 @@ class SamplingOrders:
         recording: Recording,
         scans: Callable[[], list[PlacedScan]],
         limits: StopConfig,
+        drifts: Callable[[], bool] = lambda: False,
     ) -> None:
         self.worker, self.recording, self.scans, self.limits = worker, recording, scans, limits
+        self.drifts = drifts
         self.corrector = Corrector()
+        self._corrected = False
         self._rhythm = CorrectionRhythm()
         self._until_s = 0.0  # on the monotonic clock: corrections start nothing after that
 
@@ -44,6 +48,7 @@ class SamplingOrders:
         """Place the recorded scans anew; sampling in progress goes on with them, warm."""
         corrected = self.corrector.applied(self.recording.snapshot(), nodes, resolution_m)
         if corrected.moved:
+            self._corrected = True
             self.recording.replace(corrected.scans)
             self._rhythm.moved(time.monotonic(), sampling=self.worker.wanted)
             self.sample_corrected()
@@ -65,9 +70,13 @@ class SamplingOrders:
     def clear(self) -> None:
         """Have chains and their map forgotten, and what was corrected."""
         self.worker.clear()
+        self._corrected = False
         self._rhythm.clear()
         self.corrector.clear()
 
     def _order(self, limits: StopConfig, now_s: float) -> bool:
         settled = self._rhythm.ordered(now_s)
-        return self.worker.refine(self.scans(), limits, self.recording, settled=settled)
+        drifting = self.drifts() and not self._corrected
+        return self.worker.refine(
+            self.scans(), limits, self.recording, settled=settled, drifting=drifting
+        )

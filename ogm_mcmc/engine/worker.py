@@ -97,14 +97,16 @@ class RefineWorker:
         kept: Recording | None = None,
         *,
         settled: bool = True,
+        drifting: bool = False,
     ) -> bool:
         """Sample these scans; return whether something else is stopped for it.
 
         Of their recording, `kept`, a copy lets scans go where an index of all has no room.
-        Where poses are not `settled` none are estimated.
+        Where poses are not `settled` none are estimated; `drifting` ones are those of odometry.
         """
         copy = None if kept is None else kept.copy()
-        return self._orders.leave(Order(scans, stop, copy, settled=settled), 'refined again')
+        order = Order(scans, stop, copy, settled=settled, drifting=drifting)
+        return self._orders.leave(order, 'refined again')
 
     def stop(self) -> bool:
         """End sampling, with a last map; return whether there was any."""

@@ -27,6 +27,7 @@ from ogm_mcmc.config.nodes import (
     refine_settings_agree,
 )
 from ogm_mcmc.engine.corrections import Corrected, Nodes
+from ogm_mcmc.engine.odometry import is_called_odom
 from ogm_mcmc.engine.recording import Recording
 from ogm_mcmc.engine.refined_map import RefinedMap
 from ogm_mcmc.engine.sampling_orders import SamplingOrders
@@ -104,7 +105,9 @@ class RefineServer(ManagedNode):
             log=self.get_logger().info,
             warn=self.get_logger().warning,
         )
-        self.orders = SamplingOrders(self.worker, self.recording, self.scans_now, self.stop)
+        self.orders = SamplingOrders(
+            self.worker, self.recording, self.scans_now, self.stop, self.of_odometry
+        )
         self.maps = RefinedMaps(self, self.map_frame, self.output, self.shown)
         self.trajectory = TrajectoryPublisher(self)
         self.diagnostics = Diagnostics(self, 'refining')
@@ -182,6 +185,10 @@ class RefineServer(ManagedNode):
         """Return the recorded scans, without codes that were found since they came."""
         self.recording.read_anew(self.intake.codes.without_codes)
         return self.recording.snapshot()
+
+    def of_odometry(self) -> bool:
+        """Return whether poses are those of odometry."""
+        return is_called_odom(self.intake.settings.map_frame)
 
     # -- maps out ---------------------------------------------------------------------------
 

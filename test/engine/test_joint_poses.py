@@ -44,6 +44,19 @@ def test_poses_are_estimated_where_the_localizer_is_unsure(scans, joint, why):
     assert choose_joint(scans, PosesConfig('fixed'), CELL) == (False, '')
 
 
+@pytest.mark.parametrize('covariance', [None, spread(0.01, 0.1)])
+def test_poses_of_odometry_are_estimated_whatever_they_say(covariance):
+    """What odometry says is of its last steps, if anything: it drifts."""
+    choice = choose_joint(placed(covariance), PosesConfig('auto'), CELL, drifting=True)
+    assert choice == (
+        True,
+        'poses joint: they are those of odometry, which drifts, 30 readings a scan',
+    )
+    few = choose_joint(placed(covariance, beams=19), PosesConfig('auto'), CELL, drifting=True)
+    assert few == (False, 'poses fixed: 19 readings a scan are too few')
+    assert not choose_joint(placed(None), PosesConfig('fixed'), CELL, drifting=True).joint
+
+
 def test_particles_say_how_sure_they_are():
     cloud = PoseSamples.checked(np.array([(-0.2, 0.0, 0.0), (0.2, 0.0, 0.0)]))
     assert choose_joint(placed(None, particles=cloud), PosesConfig('auto'), CELL).joint

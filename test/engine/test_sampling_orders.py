@@ -32,12 +32,14 @@ class NotedOrders:
     def __init__(self):
         self.wanted = False
         self.places, self.left_s, self.settled, self.kept = [], [], [], []
+        self.drifting = []
 
-    def refine(self, some, stop, kept, *, settled):
+    def refine(self, some, stop, kept, *, settled, drifting):
         replaced, self.wanted = self.wanted, True
         self.places.append(round(some[0].pose.y_m, 2))
         self.left_s.append(stop.max_time)
         self.settled.append(settled)
+        self.drifting.append(drifting)
         self.kept.append(kept)
         return replaced
 
@@ -88,6 +90,16 @@ def test_the_first_correction_counts_at_once_and_the_next_ones_together(orders, 
     # What was said of the time holds, however often scans are corrected.
     assert orders.worker.left_s == pytest.approx([30.0, 29.0, 30.0 - 1.0 - CORRECTING_S])
     assert orders.limits == LIMITS
+
+
+def test_poses_of_odometry_drift_until_a_trajectory_corrects_them(orders, clock):
+    orders.drifts = lambda: True
+    orders.sample(LIMITS)
+    clock.now_s += 1.0
+    moved_to(orders, 0.5)
+    orders.clear()
+    orders.sample(LIMITS)
+    assert orders.worker.drifting == [True, False, True]
 
 
 def test_scans_that_hardly_moved_are_no_reason_to_begin_anew(orders, clock):

@@ -167,7 +167,9 @@ def test_maps_and_answers_are_in_the_frame_that_odometry_names():
     )
     with local_node(RefineServer, parameter_overrides=chosen) as node:
         assert node.maps.frame_id() == 'map'
+        assert not node.of_odometry()
         node.intake.on_pose(odometry(1.0))
+        assert node.of_odometry()
         assert node.maps.frame_id() == 'odom'
         assert node.collisions.frame_id() == 'odom'
 
