@@ -62,7 +62,18 @@ class Pacer:
 
     def wait(self, stopped: threading.Event) -> None:
         """Wait until the subscribers had as many turns as any topic has messages on the way."""
-        turns = max(self._since.values(), default=0)
+        self._wait(max(self._since.values(), default=0), stopped)
+
+    def meet(self, stopped: threading.Event) -> None:
+        """Wait until each node that subscribes has answered once, before anything is sent.
+
+        We may know of a best-effort subscription a tenth of a second before its node knows of us:
+        what is sent meanwhile is lost. Who answers has found the publishers, too: they were there
+        before the client, and DDS tells what there is in order.
+        """
+        self._wait(1, stopped)
+
+    def _wait(self, turns: int, stopped: threading.Event) -> None:
         self._look()
         for _ in range(turns):
             for name, client in list(self._clients.items()):

@@ -202,8 +202,10 @@ class Replay(Node):
             enough = self.settings.wait_subscribers
             listened = [p for p in publishers if p.get_subscription_count() >= enough]
             if len(listened) >= min(self.settings.wait_topics, len(self.outlets)):
-                # The other side's discovery of us may lag a little behind ours of it.
-                self.stopped.wait(0.2)
+                if self.settings.rate == 0.0:
+                    self.pacer.meet(self.stopped)
+                else:  # nobody is waited for, but the other side may find us a little later
+                    self.stopped.wait(0.2)
                 return
             self.stopped.wait(0.05)
         nobody = not any(publisher.get_subscription_count() for publisher in publishers)

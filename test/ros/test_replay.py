@@ -32,7 +32,8 @@ from support.ros import NodeProcess, Observer
 from ogm_mcmc.io import ros_types
 from ogm_mcmc.io.bags import BagReader, Offer, typestore
 from ogm_mcmc.ros import replay as replay_module
-from ogm_mcmc.ros.qos import recorded_profile
+from ogm_mcmc.ros.pacing import Pacer
+from ogm_mcmc.ros.qos import SENSOR, recorded_profile
 from ogm_mcmc.ros.replay import Replay, main
 
 pytestmark = [pytest.mark.ros]
@@ -159,6 +160,29 @@ def test_messages_are_sent_when_they_are_due(bag, monkeypatch, rate, start):
     sent = [STEP_S * index - start for index in range(COUNT)]
     assert due == pytest.approx([when / rate for when in sent if when > -1e-9], abs=1e-6)
     assert done.seconds == pytest.approx(due[-1])
+
+
+def test_who_listens_has_answered_before_the_first_message(bag, monkeypatch):
+    """Before, it may not know of the publishers, and a best-effort reader loses what comes."""
+    events = []
+
+    def note(kind, name):
+        really = getattr(kind, name)
+
+        def noted(self, *arguments):
+            result = really(self, *arguments)
+            events.append((name, result))
+            return result
+
+        monkeypatch.setattr(kind, name, noted)
+
+    note(Pacer, '_answered')
+    note(Replay, '_publish')
+    with Observer() as observer:
+        heard = observer.collect(LaserScan, 'scan', SENSOR)
+        replayed(bag, observer, wait_topics=1, topics='scan')
+        observer.until(lambda: len(heard) == COUNT, 10.0)
+    assert events[0] == ('_answered', True)
 
 
 def nothing_comes(received, seconds):
