@@ -189,7 +189,7 @@ def test_state_is_written_when_asked_and_at_the_end(make, tmp_path):
     until(lambda: worker.status.progress is not None and worker.status.progress.counted > 0)
     assert not state.exists()
     worker.save_state()
-    until(state.exists, 2.0)
+    until(state.exists)
     worker.close()
     assert worker.status.stopped == 'shut down'
     assert worker.result.final

@@ -37,7 +37,7 @@ class Bench:
         return {item.key: item.value for item in self.reports[-1].status[0].values}
 
     def wait_for(self, key, value):
-        self.node.until(lambda: self.values().get(key) == str(value), 5.0)
+        self.node.until(lambda: self.values().get(key) == str(value), 30.0)
 
     def map(self):
         return self.node.pipeline.map()

@@ -128,7 +128,8 @@ def test_planners_and_amcl_see_every_wall_of_the_refined_map(bag):
         assert answer.success, answer.message
 
         def same_map():
-            if not (maps and percents and len(maps) == len(percents)):
+            # Not by their number: of maps that come fast a reader of depth 1 may lose some.
+            if not (maps and percents):
                 return False
             percent, values = as_array(percents[-1]), as_array(maps[-1])
             if percent.shape != values.shape:

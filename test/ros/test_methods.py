@@ -83,7 +83,7 @@ class Feed:
             return {point: self.value_at(*point) for point in expected}
 
         try:
-            self.observer.until(lambda: bool(self.maps) and found() == expected, 5.0)
+            self.observer.until(lambda: bool(self.maps) and found() == expected, 30.0)
         except TimeoutError:
             assert found() == expected
 
@@ -122,7 +122,7 @@ def test_sonars_each_on_its_mount():
                 msg = Range(field_of_view=0.3, min_range=0.05, max_range=3.0, range=reading)
                 feed.send('range', msg, 1.0 + k, f'sonar_{sonar}')
         feed.wait_for_scans(20)
-        observer.until(lambda: bool(feed.maps) and feed.value_at(0.05, 1.05) > 90, 5.0)
+        observer.until(lambda: bool(feed.maps) and feed.value_at(0.05, 1.05) > 90)
         assert feed.value_at(0.05, -0.95) > 90
         assert feed.value_at(0.05, 0.65) < 10
         assert 0 <= feed.value_at(2.5, 0.05) < 50
