@@ -22,7 +22,7 @@ from ogm_mcmc.engine.warm_up import (
     warm_up_maps,
     warm_up_sampling,
 )
-from ogm_mcmc.files.signals import sigint_ignored
+from ogm_mcmc.files.signals import starting_children
 
 __all__ = ['add_to']
 
@@ -62,13 +62,14 @@ def beside(work: Callable[..., object], *arguments: Any) -> Iterator[BaseProcess
     """
     spawn = multiprocessing.get_context('spawn')
     process = spawn.Process(target=work, args=arguments, daemon=True)
-    with sigint_ignored():
-        process.start()
     try:
+        with starting_children():
+            process.start()
         yield process
     finally:
-        process.terminate()
-        process.join()
+        if process.pid is not None:
+            process.terminate()
+            process.join()
 
 
 def _beside_chains(config: RefineSamplerConfig) -> None:

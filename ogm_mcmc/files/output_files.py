@@ -77,7 +77,10 @@ def replacing_set(folder: Path, name: str, without: Sequence[str] = ()) -> Itera
     """
     checked_name(name)
     with _said(folder), folder_to_fill(folder), scratch_folder(folder) as scratch:
-        yield scratch
+        try:
+            yield scratch
+        except OutputError as error:  # of a file of the set: its place tells more
+            raise OutputError(str(error).replace(f'{scratch}', f'{folder}')) from error
         made = sorted(path.name for path in scratch.iterdir())
         for one in made:
             if (scratch / one).is_dir():

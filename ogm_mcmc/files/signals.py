@@ -3,7 +3,7 @@
 Commands leave through every `with` (`leave_on_signals`), sampling ends early (`interruptible`),
 short critical work goes first (`signals_later`), what is done ends at once
 (`end_at_once_on_signals`), nodes finish what they do (`NotedSignals`), and
-children that this process ends by itself hear nothing of Ctrl-C (`sigint_ignored`).
+children that this process ends by itself hear nothing of Ctrl-C (`starting_children`).
 
 Two places cannot bear an exception. In a callback from C it is printed and lost. And Numba, when
 it takes a numpy Generator apart for a kernel, calls `ctypes.cast` and uses what comes back
@@ -28,14 +28,16 @@ __all__ = [
     'end_at_once_on_signals',
     'interruptible',
     'leave_on_signals',
-    'sigint_ignored',
     'signals_later',
+    'starting_children',
     'stop_a_little_later',
 ]
 
 AGAIN_S = 0.05
 
 UNSAFE = ctypes.cast.__code__
+
+_leaving = threading.Event()
 
 
 def leave_on_signals() -> None:
@@ -68,7 +70,9 @@ def end_at_once_on_signals(code: int) -> None:
 def _leave(number: int, frame: FrameType | None) -> None:
     if _inside(UNSAFE, frame):
         _again(number)
-    elif number == signal.SIGTERM:
+        return
+    _leaving.set()
+    if number == signal.SIGTERM:
         sys.exit(143)
     else:
         raise KeyboardInterrupt
@@ -83,13 +87,17 @@ def _inside(code: CodeType, frame: FrameType | None) -> bool:
 
 
 def stop_a_little_later(unraisable: Any) -> None:
-    """Send the signal again whose exception could not be raised; a `sys.unraisablehook`."""
+    """Send the signal again whose exception could not be raised; a `sys.unraisablehook`.
+
+    Once a signal was answered, what was half made by then may fail when it is taken down: that
+    is not told.
+    """
     signals = {KeyboardInterrupt: signal.SIGINT, SystemExit: signal.SIGTERM}
     again = signals.get(unraisable.exc_type)
-    if again is None:
-        sys.__unraisablehook__(unraisable)
-    else:
+    if again is not None:
         _again(again)
+    elif not _leaving.is_set():
+        sys.__unraisablehook__(unraisable)
 
 
 def _again(number: int) -> None:
@@ -150,20 +158,22 @@ def signals_later() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def sigint_ignored() -> Iterator[None]:
-    """Ignore SIGINT, as processes that are started meanwhile do for good.
+def starting_children() -> Iterator[None]:
+    """Start processes that hear nothing of SIGINT; for this one signals wait meanwhile.
 
-    A terminal sends it to them, too, and while they import modules they would complain aloud.
-    Outside of the main thread nothing is changed.
+    A terminal sends it to them, too, and while they import modules they would complain aloud. A
+    process has blocked what the thread that starts it has. Half a start would leave one that
+    nobody knows of.
     """
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, signal.SIG_DFL if before is None else before)
+    from multiprocessing import resource_tracker
+
+    with signals_later():
+        resource_tracker.ensure_running()  # unblocks SIGINT where the first child starts it
+        blocked = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+        try:
+            yield
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
 
 
 class NotedSignals:
@@ -187,7 +197,8 @@ class NotedSignals:
         return self
 
     def _unraisable(self, unraisable: Any) -> None:
-        if unraisable.exc_type is not KeyboardInterrupt:
+        # What was half made when a signal came may fail when it is taken down.
+        if unraisable.exc_type is not KeyboardInterrupt and not self.asked:
             self._hook_before(unraisable)
 
     def __exit__(
@@ -203,5 +214,5 @@ class NotedSignals:
 
     def _note(self, number: int, frame: FrameType | None) -> None:
         first, self.asked = not self.asked, True
-        if first and not self.patient:
+        if first and not self.patient and not _inside(UNSAFE, frame):
             raise KeyboardInterrupt

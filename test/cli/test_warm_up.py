@@ -6,6 +6,7 @@ import os
 import signal
 import sys
 import time
+from multiprocessing.process import BaseProcess
 from types import SimpleNamespace
 
 import pytest
@@ -86,6 +87,21 @@ def test_a_process_beside_ends_at_once_with_the_command_and_not_by_ctrl_c():
     with pytest.raises(SystemExit):
         command()
     assert begun[0].exitcode == -signal.SIGTERM
+
+
+def test_ctrl_c_while_a_process_is_started_is_not_lost(monkeypatch):
+    """It was ignored for as long as that takes."""
+    started, really = [], BaseProcess.start
+
+    def start(process):
+        os.kill(os.getpid(), signal.SIGINT)
+        really(process)
+        started.append(process)
+
+    monkeypatch.setattr(BaseProcess, 'start', start)
+    with pytest.raises(KeyboardInterrupt), warm_up.beside(time.sleep, 600.0):
+        pytest.fail('the block was entered')
+    assert started[0].exitcode == -signal.SIGTERM
 
 
 def test_a_process_beside_does_what_it_was_given(tmp_path):

@@ -339,6 +339,12 @@ def test_a_disk_that_gets_full_leaves_all_as_it_was(tmp_path, monkeypatch):
     ):
         (scratch / 'map.npz').write_text('new')
         write_shown(NEW, scratch, OUTPUT, 'map')
+    with (
+        pytest.raises(OutputError, match=f'^{tmp_path}/map.npz: cannot be written'),
+        replacing_set(tmp_path, 'map') as scratch,
+        replacing(scratch / 'map.npz'),
+    ):
+        full()
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 

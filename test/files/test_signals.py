@@ -53,6 +53,36 @@ def test_a_stop_while_a_generator_is_taken_apart_is_no_crash(name, code):
     assert (done.returncode, done.stdout, done.stderr) == (code, 'begun\n', '')
 
 
+# Stopped while an object is made: what takes it down later fails, and can only print that.
+HALF_MADE = """
+import os, signal, time
+from ogm_mcmc.cli import entry, main
+
+class Half:
+    def __init__(self):
+        os.kill(os.getpid(), signal.{signal})
+        time.sleep(60.0)
+        self.whole = True
+
+    def __del__(self):
+        self.whole
+
+main.run = lambda: Half()
+entry.main()
+"""
+
+
+@pytest.mark.parametrize(('name', 'code'), [('SIGINT', 130), ('SIGTERM', 143)])
+def test_what_was_half_made_when_a_stop_came_is_taken_down_quietly(name, code):
+    done = subprocess.run(
+        [sys.executable, '-c', HALF_MADE.format(signal=name)],
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert (done.returncode, done.stderr) == (code, '')
+
+
 def test_an_ignored_interrupt_stays_ignored():
     """As under nohup in a script: Ctrl-C is not for a program in the background."""
     code = (

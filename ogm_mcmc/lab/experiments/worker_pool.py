@@ -20,14 +20,13 @@ from __future__ import annotations
 
 import multiprocessing
 import os
-import signal
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from typing import ParamSpec, TypeVar
 
-from ogm_mcmc.files.signals import signals_later
+from ogm_mcmc.files.signals import starting_children
 
 __all__ = ['worker_pool']
 
@@ -59,13 +58,8 @@ class _Pool(ProcessPoolExecutor):
 
     def submit(self, fn: Callable[P, T], /, *arguments: P.args, **keywords: P.kwargs) -> Future[T]:
         """Submit work; signals wait for it."""
-        with signals_later():
-            # A process inherits what the thread that starts it has blocked.
-            blocked = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
-            try:
-                return super().submit(fn, *arguments, **keywords)
-            finally:
-                signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
+        with starting_children():
+            return super().submit(fn, *arguments, **keywords)
 
 
 def _end_with_the_parent() -> None:
