@@ -18,6 +18,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
+from itertools import combinations
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -29,6 +30,7 @@ from ogm_mcmc.config.nodes import RefineSamplerConfig
 from ogm_mcmc.config.settings import flatten
 from ogm_mcmc.engine.live_map import map_of
 from ogm_mcmc.evaluation import aligned, confusion_counts
+from ogm_mcmc.files.output_files import replacing
 from ogm_mcmc.geometry import GridMap, PlacedScan
 from ogm_mcmc.lab.experiments.datasets import run_all
 from ogm_mcmc.lab.experiments.exploration_views import (
@@ -37,16 +39,19 @@ from ogm_mcmc.lab.experiments.exploration_views import (
     CHAINS,
     COUNTED,
     KEPT,
+    LIVE,
+    MEAN,
     PATIENCE_M,
     PLACES,
     POLICIES,
+    SAMPLES,
     SETTLING,
     UNKNOWN,
     WORTHLESS_NATS,
     Explorer,
     border_map,
 )
-from ogm_mcmc.lab.experiments.results import row, save_picture
+from ogm_mcmc.lab.experiments.results import markdown_table, row, save_picture
 from ogm_mcmc.plotting import Series, curves_png
 from ogm_mcmc.simulation import Exploration, GridWorld, Lidar, explore, generate_floor, seen_from
 
@@ -127,7 +132,10 @@ def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
         'model': asdict(MODEL),
     }
     pictures = _draw(folder, of_policy)
-    rows = rows_of(of_policy, [building for building, _ in names])
+    of = [building for building, _ in names]
+    rows = rows_of(of_policy, of)
+    with replacing(folder / 'table.md') as file:
+        file.write_text(table_of(of_policy, of), encoding='utf-8')
     return {'rows': rows, 'pictures': pictures, 'settings': settings, 'notes': NOTES}
 
 
@@ -217,6 +225,38 @@ def rows_of(
             remark = f'+- {error:.3g}; {gained:+.3g} +- {of_gain:.2g} to {POLICIES[1]}'
             rows.append(row(f'{what}: {policy}', mean, None, remark))
     return rows
+
+
+def table_of(
+    of_policy: Mapping[str, Sequence[Mapping[str, Any]]], buildings: Sequence[int]
+) -> str:
+    """Return means with standard errors, and all paired differences, as a table of Markdown.
+
+    buildings  of each run, as many runs of each
+    """
+    of, last = np.array(buildings), len(METRES) - 1
+    columns = [
+        *((f'space seen after {m:g} m, m2', 'seen_m2', k, 0) for k, m in enumerate(METRES)),
+        (f'area covered after {METRES[-1]:g} m, m2', 'area_m2', last, 0),
+        (AT_END['border_f1'], 'border_f1', None, 3),
+        (AT_END['stops'], 'stops', None, 0),
+    ]
+
+    def cells(first: str, second: str | None = None) -> Iterator[str]:
+        for _, key, k, digits in columns:
+            values = _column(of_policy[first], key, k)
+            if second is not None:
+                values = values - _column(of_policy[second], key, k)
+            mean, error = _over_buildings(values, of)
+            sign = '' if second is None else '+'
+            yield f'{mean:{sign}.{digits}f} +- {error:.{digits}f}'
+
+    lines = [(policy, *cells(policy)) for policy in of_policy]
+    lines += [
+        (f'{one} less {other}, paired', *cells(one, other))
+        for one, other in combinations((MEAN, SAMPLES, POLICIES[0], LIVE), 2)
+    ]
+    return markdown_table([('goes by', *(title for title, *_ in columns)), *lines])
 
 
 def _column(runs: Sequence[Mapping[str, Any]], key: str, k: int | None = None) -> Float64Array:

@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from ogm_mcmc.lab.experiments.results import markdown_table
+
 __all__ = ['BORDER', 'gains']
 
 BORDER = 'sampled, border prior'
@@ -106,7 +108,7 @@ def _said(gain: float, error: float | None) -> str:
 
 def _table(title: str, lines: Mapping[str, Line]) -> str:
     percents = sorted({percent for line in lines.values() for percent in line}, reverse=True)
-    rows = [(title, *(f'{percent} %' for percent in percents)), ('---',) * (len(percents) + 1)]
+    rows = [(title, *(f'{percent} %' for percent in percents))]
     for name, line in lines.items():
         rows.append((name, *(line.get(percent, '-') for percent in percents)))
-    return ''.join(f'| {" | ".join(cells)} |\n' for cells in rows)
+    return markdown_table(rows)

@@ -10,6 +10,7 @@ import numpy as np
 from ogm_mcmc.config.sampling import CHAINS_SAID
 from ogm_mcmc.lab.experiments.leaderboard_gains import gains
 from ogm_mcmc.lab.experiments.mappers import WITH_JOINT_POSES
+from ogm_mcmc.lab.experiments.results import markdown_table
 
 __all__ = ['leaderboard_page']
 
@@ -212,7 +213,7 @@ def _table(lines: Mapping[str, Mapping[str, float | None]], columns: Sequence[_C
         ]
         if shown and column.highest is not None:
             best[column.key] = (max if column.highest else min)(shown, key=float)
-    rows = [('mapper', *(column.title for column in columns)), ('---',) * (len(columns) + 1)]
+    rows = [('mapper', *(column.title for column in columns))]
     for name, line in lines.items():
         cells = [_shown(line, column) for column in columns]
         rows.append(
@@ -224,7 +225,7 @@ def _table(lines: Mapping[str, Mapping[str, float | None]], columns: Sequence[_C
                 ),
             )
         )
-    return ''.join(f'| {" | ".join(cells)} |\n' for cells in rows)
+    return markdown_table(rows)
 
 
 def _shown(line: Mapping[str, float | None], column: _Column) -> str:

@@ -26,6 +26,7 @@ from ogm_mcmc.config.nodes import RefineSamplerConfig
 from ogm_mcmc.config.settings import flatten
 from ogm_mcmc.engine.kept_samples import MOST_SAMPLES
 from ogm_mcmc.evaluation.scan_fit import NAV2
+from ogm_mcmc.files.output_files import replacing
 from ogm_mcmc.geometry import Pose2D, wrap_angle
 from ogm_mcmc.lab.experiments.datasets import run_all
 from ogm_mcmc.lab.experiments.localization_logs import (
@@ -56,6 +57,7 @@ from ogm_mcmc.lab.experiments.localization_maps import (
     readers_of,
     some_beams,
 )
+from ogm_mcmc.lab.experiments.localization_table import tables_of
 from ogm_mcmc.lab.experiments.results import row, save_picture
 from ogm_mcmc.plotting import Series, curves_png
 from ogm_mcmc.simulation import (
@@ -138,11 +140,16 @@ def run(folder: Path, *, quick: bool, seed: int) -> dict[str, Any]:
     )
     rows: list[dict[str, Any]] = []
     pictures: dict[str, str] = {}
-    for log in logs:
-        of_log = {
+    found = {
+        log: {
             share: [results[f'{log}_{share:g}_run{k}'] for k in range(1, runs + 1)]
             for share in shares
         }
+        for log in logs
+    }
+    with replacing(folder / 'table.md') as file:
+        file.write_text(tables_of(found), encoding='utf-8')
+    for log, of_log in found.items():
         for share in shares:
             rows += [_row(log, share, reader, of_log[share]) for reader in READERS]
             rows += [_less(log, share, reader, THREE, of_log[share]) for reader in (MEAN, SAMPLES)]

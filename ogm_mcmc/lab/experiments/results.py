@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ from ogm_mcmc.plotting import Page, Picture
 
 __all__ = [
     'make_page',
+    'markdown_table',
     'picture_text',
     'row',
     'save_part_pictures',
@@ -25,6 +26,13 @@ HEADER = ('what', 'ours', 'published', 'remark')
 def row(what: str, ours: Any, published: Any = None, remark: str = '') -> dict[str, Any]:
     """Return one line of a result table; `published` is None where a paper gives no number."""
     return {'what': what, 'ours': ours, 'published': published, 'remark': remark}
+
+
+def markdown_table(lines: Iterable[Sequence[str]]) -> str:
+    """Return lines of cells, the header first, as a table of Markdown."""
+    header, *others = lines
+    rows = (header, ('---',) * len(header), *others)
+    return ''.join(f'| {" | ".join(cells)} |\n' for cells in rows)
 
 
 def save_picture(path: Path, png: bytes) -> None:

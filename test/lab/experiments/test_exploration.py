@@ -84,6 +84,12 @@ def test_differences_are_paired():
     # Buildings are 20 apart: a standard error of 10, however many runs in each, and none of the
     # difference.
     assert line['remark'] == '+- 10; +1 +- 0 to traditional map'
+    table = exploration.table_of(runs, [1, 1, 2, 2]).splitlines()
+    assert len(table) == 2 + len(POLICIES) + 6
+    level = '20 +- 10 | 20 +- 10 | 20 +- 10 | 20 +- 10 | 22 +- 10 | 0.500 +- 0.000 | 3 +- 0 |'
+    assert f'| mean of maps | {level}' in table
+    paired = '+0 +- 0 | +0 +- 0 | +0 +- 0 | +0 +- 0 | +1 +- 0 | +0.000 +- 0.000 | +0 +- 0 |'
+    assert f'| mean of maps less traditional map, paired | {paired}' in table
 
 
 @pytest.mark.slow

@@ -12,7 +12,15 @@ from ogm_mcmc.evaluation import LikelihoodField, aligned
 from ogm_mcmc.geometry import GridMap, GridSpec, Pose2D
 from ogm_mcmc.lab.experiments import joint_intel, localization, localization_logs
 from ogm_mcmc.lab.experiments.localization_logs import Log, log_of
-from ogm_mcmc.lab.experiments.localization_maps import READERS, maps_of, some_beams
+from ogm_mcmc.lab.experiments.localization_maps import (
+    MEAN,
+    READERS,
+    SAMPLES,
+    THREE,
+    maps_of,
+    some_beams,
+)
+from ogm_mcmc.lab.experiments.localization_table import tables_of
 from ogm_mcmc.mapping import ProbabilityBeams
 from ogm_mcmc.sensors import ForwardModel
 from ogm_mcmc.simulation import GridWorld, Lidar, OdometryNoise
@@ -206,6 +214,33 @@ def test_rows_say_what_each_reader_came_to(tmp_path, monkeypatch):
     line = rows['building-9, 25 %: border mean, first hits less three values, first hits, m']
     assert (line['ours'], line['remark']) == (0.0, '+- 0.000, paired by run')
     assert all((tmp_path / name).exists() for name in result['pictures'])
+    table = (tmp_path / 'table.md').read_text()
+    assert '| buildings: the filter reads | 25 % (2 runs) | 1 % (2 runs) |' in table
+    assert '| border mean, first hits | 0.150 +- 0.050 (0.5, 0.25) | 0.150' in table
+
+
+def test_errors_of_a_log_are_over_runs_and_of_buildings_over_their_means():
+    def came_to(first, second, lost=0):
+        others = dict.fromkeys(READERS, second)
+        return {
+            reader: {'error_m': error, 'lost': lost, 'found': 0.5}
+            for reader, error in {**others, MEAN: first}.items()
+        }
+
+    table = tables_of(
+        {
+            'building-1': {0.05: [came_to(0.1, 0.2), came_to(0.3, 0.2)]},
+            'building-5': {0.05: [came_to(0.4, 0.2), came_to(0.4, 0.4)]},
+            'intel': {0.05: [came_to(0.1, 0.2, lost=1), came_to(0.2, None, lost=2)]},
+        }
+    )
+    intel, buildings, paired = table.split('\n\n')
+    assert '| intel: the filter reads | 5 % (2 runs) |\n| --- | --- |\n' in intel
+    assert f'| {MEAN} | 0.150 +- 0.050 (1.5, 0.50) |' in intel
+    assert f'| {SAMPLES} | 0.200 (1.5, 0.50) |' in intel  # one run was always lost
+    assert f'| {MEAN} | 0.300 +- 0.100 (0, 0.50) |' in buildings
+    assert f'| intel: {MEAN} less {THREE} | -0.100 |' in paired
+    assert f'| buildings: {MEAN} less {THREE} | +0.050 +- 0.050 |' in paired
 
 
 def test_joint_poses_of_a_log_are_estimated_once_for_all_runs(tmp_path, monkeypatch):
@@ -218,6 +253,7 @@ def test_joint_poses_of_a_log_are_estimated_once_for_all_runs(tmp_path, monkeypa
 
     monkeypatch.setattr(localization, 'run_all', pretended)
     monkeypatch.setattr(localization, 'check_data', lambda _: None)
+    monkeypatch.setattr(localization, 'tables_of', lambda _: '')
     monkeypatch.setattr(localization, '_row', lambda *_: {})
     monkeypatch.setattr(localization, '_less', lambda *_: {})
     monkeypatch.setattr(localization, '_draw', lambda *_: {})
