@@ -37,6 +37,7 @@ from ogm_mcmc.config import (
     ShownConfig,
     StopConfig,
     TrajectoryConfig,
+    check_limits,
     flatten,
     settings_of,
 )
@@ -155,6 +156,8 @@ def run(options: argparse.Namespace) -> int:
     makeable_folder(options.folder)
     if options.state is not None:
         KeptState.checked(options.state)
+    else:  # chains that go on may have their burn-in behind them
+        check_limits(chosen.sampler.chain, chosen.stop)
     start = None
     if options.start_map is not None:
         start = _on_lattice(load_grid(options.start_map, options.max_cells))

@@ -33,6 +33,10 @@ SOON, SHARPER = 5, 16
 # While poses are estimated chains at those given rest from so many counted sweeps on: their map
 # changes little by then, and the processor is for the poses.
 RESTS_AT = 32
+NOT_YET_JOINT = (
+    'the map lies at the poses given: joint ones were not there yet; the next ~/refine goes on '
+    'with them (max_time: half of it is for poses)'
+)
 LOOK_S = 0.5  # how often it is said how far poses are meanwhile
 
 
@@ -247,7 +251,7 @@ class OrderRunner:
         if reason not in ('refined again', 'cleared', 'shut down'):
             self._log(f'{progress.said(len(order.scans))} ({reason})')
             if self._poses.joint and self._poses.trajectory is None:
-                self._log('the map lies at the poses given: joint ones were not there yet')
+                self._log(NOT_YET_JOINT)
         status = self.status._replace(poses=self._beside.progress, stopped=reason)
         lies = self._poses.said_of_map(self._beside.moves)
         self.status = status._replace(state='idle', poses_of_map=lies)

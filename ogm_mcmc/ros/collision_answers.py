@@ -68,8 +68,8 @@ class CollisionAnswers:
         if result is None or result.samples is None:
             self.problems.warn(
                 'collision_query_too_early',
-                'collision_query: no map was sampled yet; call ~/refine first, with '
-                'collision_samples above 0',
+                'collision_query: no sweep of a refined map counts yet (~/refine, with '
+                'collision_samples above 0)',
             )
             return none
         try:

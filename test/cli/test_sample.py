@@ -298,6 +298,14 @@ def test_a_mistake_in_the_bag_is_said_before_kernels_are_compiled(tmp_path, monk
     assert 'no such file' in capsys.readouterr().err
 
 
+def test_limits_that_contradict_each_other_are_said_before_the_bag_is_read(
+    tmp_path, monkeypatch, capsys
+):
+    monkeypatch.setattr('ogm_mcmc.cli.sample.read_bag', lambda *_, **__: pytest.fail('read'))
+    assert run(['sample', str(tmp_path), '-o', str(tmp_path / 'out'), '--max-sweeps', '30']) == 2
+    assert 'max_sweeps is 30: expected more than burn_in (50)' in capsys.readouterr().err
+
+
 def test_a_bag_that_says_nothing(tmp_path, capsys):
     from ogm_mcmc.geometry import Pose2D
     from ogm_mcmc.io import ros_types

@@ -100,7 +100,7 @@ def test_too_early(server):
     logs = Logs(server)
     assert answer(server, way((0.1, 0.1))) == []
     assert server.intake.problems.all()['collision_query_too_early'] == 1
-    assert ['call ~/refine first' in text for text in logs.of('warning')] == [True]
+    assert ['no sweep of a refined map counts' in text for text in logs.of('warning')] == [True]
 
 
 @pytest.mark.jit
