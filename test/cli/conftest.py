@@ -1,10 +1,13 @@
 """Fixtures that several modules of commands share."""
 
+import json
+
 import numpy as np
 import pytest
 from support.small_maps import ESTIMATE, NAN, TRUTH
 from support.strategies import fan
 
+from ogm_mcmc.cli.main import run
 from ogm_mcmc.config import OutputConfig
 from ogm_mcmc.engine.saved_map import save_map
 from ogm_mcmc.geometry import GridMap, GridSpec, PlacedScan, Pose2D
@@ -36,3 +39,16 @@ def bag(maps):
     ]
     assert write_recording(maps / 'bag', scans) == 3
     return maps / 'bag'
+
+
+@pytest.fixture
+def sample(office_bag, tmp_path, monkeypatch, capsys):
+    """Run `sample` on the office in this process; returns its JSON."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*options):
+        capsys.readouterr()
+        assert run(['sample', str(office_bag), *map(str, options)]) == 0
+        return json.loads(capsys.readouterr().out)
+
+    return call

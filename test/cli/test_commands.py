@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import yaml
 from support.office import OFFICE_SCANS
+from support.refusals import error_line
 
 from ogm_mcmc.cli.main import run
 from ogm_mcmc.io.map_files import load_map
@@ -23,10 +24,7 @@ CARMEN = (
 
 def error_of(done):
     assert done.returncode == 2, done.stderr
-    assert 'Traceback' not in done.stderr
-    lines = [line for line in done.stderr.splitlines() if 'error' in line]
-    assert len(lines) == 1, done.stderr
-    return lines[0]
+    return error_line(done.stderr)
 
 
 def test_map_writes_all_files_and_says_so(run_process, office_bag, tmp_path):

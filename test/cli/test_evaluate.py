@@ -8,9 +8,10 @@ import subprocess
 import numpy as np
 import pytest
 import yaml
+from support.commands import command
+from support.refusals import error_line
 from support.small_maps import ESTIMATE, TRUTH
 
-from ogm_mcmc.cli.main import run
 from ogm_mcmc.geometry import GridMap, GridSpec, Pose2D
 from ogm_mcmc.io import ros_types
 from ogm_mcmc.io.bags import BagWriter
@@ -182,12 +183,7 @@ def test_a_mistake_is_one_line_and_leaves_nothing(
     (maps / 'coarse.yaml').write_text(yaml.safe_dump({**described, 'resolution': 0.2}))
     before = sorted(maps.rglob('*'))
     monkeypatch.chdir(maps)
-    try:
-        code = run(['evaluate', *arguments])
-    except SystemExit as stopped:  # argparse's own
-        code = stopped.code
+    code, _, err = command(capsys, 'evaluate', *arguments)
     assert code == 2
-    lines = [line for line in capsys.readouterr().err.splitlines() if 'error' in line]
-    assert len(lines) == 1
-    assert reason in lines[0]
+    assert reason in error_line(err)
     assert sorted(maps.rglob('*')) == before

@@ -4,6 +4,8 @@ import inspect
 import json
 
 import pytest
+from support.commands import command
+from support.refusals import error_line
 
 from ogm_mcmc.cli.main import run
 from ogm_mcmc.lab.experiments import EXPERIMENTS, SPREAD
@@ -92,14 +94,9 @@ def test_a_mistake_is_one_line_and_leaves_nothing(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv('OGM_MCMC_DATA', str(tmp_path))
     (tmp_path / 'notes.txt').write_text('nothing of use')
-    try:
-        code = run(['experiment', *arguments])
-    except SystemExit as stopped:  # argparse's own
-        code = stopped.code
+    code, _, err = command(capsys, 'experiment', *arguments)
     assert code == 2
-    lines = [line for line in capsys.readouterr().err.splitlines() if 'error' in line]
-    assert len(lines) == 1
-    assert reason in lines[0]
+    assert reason in error_line(err)
     assert [path.name for path in tmp_path.iterdir()] == ['notes.txt']
 
 

@@ -2,16 +2,12 @@
 
 import argparse
 import json
-import os
-import signal
-import threading
 
 import numpy as np
 import pytest
 import yaml
 from PIL import Image
-from support.commands import command
-from support.office import OFFICE_SCANS
+from support.office import COARSE, FEW, OFFICE_SCANS
 
 from ogm_mcmc.cli.main import run
 from ogm_mcmc.cli.sample import SHORT, _chosen, add_to
@@ -19,10 +15,7 @@ from ogm_mcmc.cli.sampling_bar import status
 from ogm_mcmc.config import StopConfig, flatten, settings_of
 from ogm_mcmc.config.nodes import LEARNED, REFINE_CONFIGS
 from ogm_mcmc.engine.progress import Progress
-from ogm_mcmc.engine.refinement import Refinement
-from ogm_mcmc.errors import OutputError
 from ogm_mcmc.evaluation.trajectories import absolute_errors
-from ogm_mcmc.files.signals import leave_on_signals
 from ogm_mcmc.geometry import PlacedScan, Pose2D, PoseBelief
 from ogm_mcmc.io.map_files import load_map, load_npz
 from ogm_mcmc.io.recording_bag import write_recording
@@ -31,28 +24,6 @@ from ogm_mcmc.io.trajectory_files import read_trajectory
 from ogm_mcmc.io.tum_files import read_deviations
 from ogm_mcmc.simulation import WORLDS, Lidar, record
 from ogm_mcmc.trajectory.alike import effective_count
-
-CELLS = ('--prior', 'uniform', '--patch-size', '1')
-COARSE = ('--resolution', '0.2', '--beam-stride', '6', *CELLS, '--json')
-FEW = (*COARSE, '--max-sweeps', '80', '--burn-in', '16', '--r-hat', '0')
-
-
-@pytest.fixture
-def sample(office_bag, tmp_path, monkeypatch, capsys):
-    """Run `sample` on the office in this process; returns its JSON."""
-    monkeypatch.chdir(tmp_path)
-
-    def call(*options):
-        capsys.readouterr()
-        assert run(['sample', str(office_bag), *map(str, options)]) == 0
-        return json.loads(capsys.readouterr().out)
-
-    return call
-
-
-def probability(folder):
-    with np.load(folder / 'map.npz') as data:
-        return data['probability']
 
 
 def test_all_files_tell_the_same(sample, tmp_path):
@@ -117,103 +88,6 @@ def test_all_files_tell_the_same(sample, tmp_path):
     assert drawn.spec.origin_x_m == pytest.approx(result['origin'][0])
 
 
-def test_a_state_goes_on_as_if_nothing_had_happened(sample, tmp_path):
-    whole = sample('-o', 'whole', *FEW)
-    first = sample('-o', 'parts', *FEW, '--max-sweeps', '50', '--state', 'state.npz')
-    second = sample('-o', 'parts', *FEW, '--max-sweeps', '30', '--state', 'state.npz')
-    assert (first['resumed_at'], second['resumed_at']) == (0, 50)
-    assert second['sweeps'] == whole['sweeps'] == 80
-    assert second['counted'] == whole['counted']
-    assert np.array_equal(
-        probability(tmp_path / 'parts'), probability(tmp_path / 'whole'), equal_nan=True
-    )
-    other = sample('-o', 'other', *FEW, '--seed', '2')
-    assert other['settings']['chain.seed'] == 2
-    assert not np.array_equal(
-        probability(tmp_path / 'other'), probability(tmp_path / 'whole'), equal_nan=True
-    )
-
-
-def test_a_state_of_something_else_is_refused(sample, tmp_path, office_bag, capsys):
-    few = ('-o', 'out', *FEW, '--state', 'state.npz')
-    sample(*few)
-    before = (tmp_path / 'state.npz').read_bytes()
-    for change, reason in (
-        (('--seed', '5'), 'expected chain.seed 1, as it was saved with, not 5'),
-        (('--clutter', '0.06'), 'expected model.clutter 0.05, as it was saved with, not 0.06'),
-        (('--resolution', '0.25'), 'expected window.resolution 0.2, as it was saved'),
-        (('--max-scans', '7'), 'a state of other scans: expected one of those of this window'),
-    ):
-        assert run(['sample', str(office_bag), *few, *change]) == 2
-        assert reason in capsys.readouterr().err
-    assert (tmp_path / 'state.npz').read_bytes() == before
-
-
-@pytest.mark.parametrize('how', [signal.SIGINT, signal.SIGTERM])
-def test_ctrl_c_and_a_polite_kill_end_sampling_and_save(sample, tmp_path, monkeypatch, how):
-    really = Refinement.run
-
-    def soon_interrupted(self, stop, *cancelled):
-        if cancelled:  # not what only warms up
-            threading.Timer(0.5, os.kill, (os.getpid(), how)).start()
-        return really(self, stop, *cancelled)
-
-    monkeypatch.setattr(Refinement, 'run', soon_interrupted)
-    leave_on_signals()  # as every command does
-    handler = signal.getsignal(how)
-    endless = ('--max-time', '100', '--max-sweeps', '1000000', '--r-hat', '0', '--burn-in', '1')
-    result = sample('-o', 'out', *COARSE, *endless, '--state', 'state.npz', '--samples', '100000')
-    assert result['reason'] == 'cancelled'
-    assert result['sampling_seconds'] < 20.0
-    assert result['counted'] > 0
-    assert np.isfinite(probability(tmp_path / 'out')).any()
-    assert (tmp_path / 'state.npz').stat().st_size > 0
-    assert 'samples' not in result['files']
-    assert result['maps_drawn'] == 0
-    assert signal.getsignal(how) is handler
-
-
-@pytest.mark.parametrize('how', [signal.SIGINT, signal.SIGTERM])
-def test_an_end_before_the_first_sweep_is_said(office_bag, tmp_path, monkeypatch, capsys, how):
-    monkeypatch.setattr(
-        'ogm_mcmc.cli.sample.warm_up_sampling', lambda _: os.kill(os.getpid(), how)
-    )
-    code, _, err = command(capsys, 'sample', office_bag, '-o', tmp_path / 'out')
-    assert code == {signal.SIGINT: 130, signal.SIGTERM: 143}[how]
-    assert err.splitlines()[-1] == (
-        'stopped before the first sweep: nothing was sampled, and nothing is written'
-    )
-    assert not (tmp_path / 'out').exists()
-
-
-def test_a_second_ctrl_c_is_said(office_bag, tmp_path, monkeypatch, capsys):
-    def stopped(*_):
-        os.kill(os.getpid(), signal.SIGINT)
-        os.kill(os.getpid(), signal.SIGINT)
-
-    monkeypatch.setattr('ogm_mcmc.cli.sample.sample', stopped)
-    code, _, err = command(capsys, 'sample', office_bag, '-o', tmp_path / 'out', *COARSE)
-    assert code == 130
-    assert err.splitlines()[-1] == 'stopped twice: the map is not written'
-    assert not (tmp_path / 'out').exists()
-
-
-def test_a_state_that_cannot_be_written_does_not_cost_the_map(
-    office_bag, tmp_path, monkeypatch, capsys
-):
-    def full_disk(self, path):
-        raise OutputError(f'{path}: No space left on device')
-
-    monkeypatch.setattr(Refinement, 'save', full_disk)
-    monkeypatch.chdir(tmp_path)
-    options = ('-o', 'out', *FEW, '--max-scans', '200', '--state', 'state.npz')
-    assert run(['sample', str(office_bag), *options]) == 1
-    printed = capsys.readouterr()
-    assert 'No space left' in printed.err
-    assert 'state' not in json.loads(printed.out)
-    assert np.isfinite(probability(tmp_path / 'out')).any()
-
-
 def test_the_yaml_of_the_node_and_a_start_map(sample, tmp_path):
     (tmp_path / 'mine.yaml').write_text(
         'refine_server:\n  ros__parameters:\n    map_frame: map\n    max_scans: 200\n'
@@ -233,104 +107,6 @@ def test_the_yaml_of_the_node_and_a_start_map(sample, tmp_path):
     assert load_npz(tmp_path / 'again' / 'map.npz').probability.shape == (
         result['height'], result['width'],
     )  # fmt: skip
-
-
-@pytest.mark.parametrize(
-    ('options', 'reason'),
-    [
-        (['--cell-prior', '0'], 'error: chain.prior is 0.0'),
-        (['--cell-prior', '1'], 'prior is 1.0'),
-        (['--sigma', '1e-9'], 'sigma is 1e-09: expected 0, or 0.0001 or more'),
-        (['--samples', '-1'], '--samples is -1: expected 0 or more'),
-        (['--samples', '100000000'], '--samples 100000000: maps of '),
-        (['--max-range', '0.01'], 'scans says anything within max_range = 0.01 m: nothing'),
-        (['--thin', '0'], 'thin is 0'),
-        (['--tiles', '2x2'], '--tiles: expected with --scheduler'),
-        (
-            ['--tiles', '2', '--scheduler', 'tcp://127.0.0.1:9'],
-            '--tiles 2: expected columns x rows, such as 2x2',
-        ),
-        (['--thin', '5'], '--thin: expected with --samples'),
-        (['--prior-file', 'notes.txt'], '--prior-file: expected with --prior patch or border'),
-        (['--patch-size', '4'], 'error: patch.size is 4'),
-        (['--margin', '0.6'], 'unknown_margin is 0.6'),
-        (['--r-hat', '0.9'], 'r_hat is 0.9'),
-        (['--max-memory-mb', '1', '--beam-stride', '1'], 'max_memory_mb = 1'),
-        (['--max-sweeps', '50'], 'expected more than burn_in (50)'),
-        (['--state', 'notes.txt'], 'expected a saved sampling state'),
-        (['--state', 'notes.txt/state'], 'expected a writable folder'),
-        (['--state', '.'], 'is a folder'),
-        (['--start-map', 'notes.txt'], 'expected a map YAML'),
-        (['--start-map', 'coarse.npz'], 'start map with cells of 0.3 m'),
-        (['--start-map', 'between.npz'], 'anchored at (0.1, 0)'),
-        (['--params-file', 'typo.yaml'], "'resolution'"),
-        (['-o', 'notes.txt/out'], 'expected a writable folder'),
-        (['--name', 'a/b'], 'expected a file name'),
-    ],
-    ids=lambda value: ' '.join(value) if isinstance(value, list) else '',
-)
-def test_a_mistake_is_one_line_and_leaves_nothing(
-    office_bag, tmp_path, monkeypatch, capsys, options, reason
-):
-    from ogm_mcmc.geometry import GridMap, GridSpec
-    from ogm_mcmc.io.map_files import save_npz
-
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / 'notes.txt').write_text('nothing of use\n')
-    # A name of online_mapper: here it would silently mean nothing.
-    (tmp_path / 'typo.yaml').write_text('/**:\n  ros__parameters:\n    resolution: 0.2\n')
-    blank = np.zeros((2, 2), np.float32)
-    save_npz(GridMap(GridSpec(0.3, 2, 2), blank), tmp_path / 'coarse.npz', {})
-    save_npz(GridMap(GridSpec(0.2, 2, 2, anchor_x_m=0.1), blank), tmp_path / 'between.npz', {})
-    before = sorted(path for path in tmp_path.rglob('*') if path.is_file())
-    arguments = ['sample', str(office_bag), '-o', 'out', *COARSE]
-    assert run([*arguments, *options]) == 2
-    lines = [line for line in capsys.readouterr().err.splitlines() if 'error' in line]
-    assert len(lines) == 1
-    assert reason in lines[0]
-    assert sorted(path for path in tmp_path.rglob('*') if path.is_file()) == before
-
-
-def test_a_mistake_in_the_bag_is_said_before_kernels_are_compiled(tmp_path, monkeypatch, capsys):
-    """It came after a silent minute where nothing was in the cache."""
-    monkeypatch.setattr('ogm_mcmc.cli.sample.warm_up_sampling', lambda _: pytest.fail('compiled'))
-    assert run(['sample', str(tmp_path / 'none'), '-o', str(tmp_path / 'out')]) == 2
-    assert 'no such file' in capsys.readouterr().err
-
-
-def test_limits_that_contradict_each_other_are_said_before_the_bag_is_read(
-    tmp_path, monkeypatch, capsys
-):
-    monkeypatch.setattr('ogm_mcmc.cli.sample.read_bag', lambda *_, **__: pytest.fail('read'))
-    assert run(['sample', str(tmp_path), '-o', str(tmp_path / 'out'), '--max-sweeps', '30']) == 2
-    assert 'max_sweeps is 30: expected more than burn_in (50)' in capsys.readouterr().err
-
-
-def test_a_bag_that_says_nothing(tmp_path, capsys):
-    from ogm_mcmc.geometry import Pose2D
-    from ogm_mcmc.io import ros_types
-    from ogm_mcmc.io.bags import BagWriter
-
-    with BagWriter(tmp_path / 'bag') as bag:
-        known = ros_types.pose_with_covariance(1, 'map', Pose2D(), np.zeros((3, 3)))
-        bag.write('/pose', ros_types.POSE, 1, known)
-        ranges = np.full(3, np.inf, np.float32)
-        scan = ros_types.laser_scan(
-            1, 'laser', ranges, angle_min=0.0, angle_increment=0.1, range_max=5.0
-        )
-        bag.write('/scan', ros_types.SCAN, 1, scan)
-    arguments = ['sample', str(tmp_path / 'bag'), '-o', str(tmp_path / 'out')]
-    assert run([*arguments, '--no-return', 'ignore']) == 2
-    assert 'no beam of 1 scans says anything: nothing to sample' in capsys.readouterr().err
-    assert not (tmp_path / 'out').exists()
-
-
-def test_an_end_before_the_burn_in_is_said(sample, office_bag, capsys):
-    result = sample('-o', 'out', *COARSE, '--burn-in', '1000', '--max-time', '0.05')
-    assert (result['reason'], result['counted'], result['r_hat_p99']) == ('time', 0, None)
-    arguments = ['-o', 'out', *COARSE[:-1], '--burn-in', '1000', '--max-time', '0.05']
-    assert run(['sample', str(office_bag), *arguments]) == 0
-    assert 'before the end of the burn-in: no posterior mean yet' in capsys.readouterr().out
 
 
 def test_what_the_bar_says():

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 from support.commands import command
+from support.refusals import error_line
 
 from ogm_mcmc.cli import simulate
 from ogm_mcmc.cli.simulated_world import CELLS, check_cells
@@ -234,9 +235,7 @@ def test_a_mistake_is_one_line_and_leaves_nothing(
     (tmp_path / 'hall.yaml').write_text('nothing either')
     code, _, err = command(capsys, 'simulate', *arguments, '-o', 'bag')
     assert code == 2
-    lines = [line for line in err.splitlines() if 'error' in line]
-    assert len(lines) == 1
-    assert reason in lines[0]
+    assert reason in error_line(err)
     assert {path.name for path in tmp_path.iterdir()} == {'notes.png', 'hall.yaml'}
 
 

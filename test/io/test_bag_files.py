@@ -6,6 +6,7 @@ import lzma
 
 import pytest
 import yaml
+from support.refusals import refusal_of
 
 from ogm_mcmc.errors import BagError
 from ogm_mcmc.io.bag_files import plain_yaml
@@ -23,10 +24,7 @@ def times_of(path):
 
 
 def refusal(path):
-    with pytest.raises(BagError) as caught:
-        times_of(path)
-    assert '\n' not in str(caught.value)
-    return str(caught.value)
+    return refusal_of(BagError, times_of, path)
 
 
 def stored(path):

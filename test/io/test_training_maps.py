@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from PIL import Image
 from support.pictures import draw, read
+from support.refusals import refusal_of
 
 from ogm_mcmc.errors import PriorError
 from ogm_mcmc.io.training_maps import MapSource, read_sources, read_training_map
@@ -33,11 +34,8 @@ def image(tmp_path):
 
 
 def message_of(path, sources=None, resolution_m=0.05):
-    with pytest.raises(PriorError) as caught:
-        read_training_map(path, sources or {}, resolution_m)
-    message = str(caught.value)
+    message = refusal_of(PriorError, read_training_map, path, sources or {}, resolution_m)
     assert path.name in message
-    assert '\n' not in message
     return message
 
 

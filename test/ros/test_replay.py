@@ -27,6 +27,7 @@ from sensor_msgs.msg import LaserScan, Range
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
 from support.local_ros import refusal, replayed
+from support.refusals import error_line
 from support.ros import NodeProcess, Observer
 
 from ogm_mcmc.io import ros_types
@@ -337,10 +338,7 @@ def test_mistakes_are_one_line(bag, capfd, arguments, reason):
 def test_a_mistake_ends_the_process_with_one_line():
     with NodeProcess('replay', ['nowhere', '--wait', '0']) as player:
         assert player.wait() == 2, player.output
-    errors = [line for line in player.output.splitlines() if 'error' in line]
-    assert len(errors) == 1, player.output
-    assert 'no such file or folder' in errors[0]
-    assert 'Traceback' not in player.output
+    assert 'no such file or folder' in error_line(player.output)
 
 
 def test_the_command_line_is_the_same_node(bag):
