@@ -94,12 +94,12 @@ def _apart(off: Float64Array, far_m: float, far_rad: float) -> bool:
 
 def _counting(grid_map: GridMap, block: int) -> Float64Array:
     """Return what an end in each coarse cell (H, W) counts for; unknown cells: nothing."""
-    height, width = (-(-size // block) for size in grid_map.probability.shape)
-    whole = np.full((height * block, width * block), np.nan, np.float32)
-    whole[: grid_map.spec.height, : grid_map.spec.width] = grid_map.probability
-    blocks = whole.reshape(height, block, width, block)
-    known = np.isfinite(blocks).any(axis=(1, 3))
-    wall = np.nan_to_num(blocks).max(axis=(1, 3)).astype(np.float64)
+    highest = grid_map.probability
+    for axis, size in enumerate(highest.shape):
+        highest = np.fmax.reduceat(highest, np.arange(0, size, block), axis=axis)
+    known = np.isfinite(highest)
+    height, width = known.shape
+    wall = np.nan_to_num(highest).astype(np.float64)
     wall[wall < WALL] = 0.0
     around = np.pad(wall, 1)
     beside = np.max(
