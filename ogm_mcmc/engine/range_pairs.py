@@ -103,14 +103,13 @@ class _Readings(NamedTuple):
     def of(cls, scans: Sequence[PlacedScan], resolution_m: float, reach_m: float) -> _Readings:
         found: list[tuple[AnyArray, ...]] = []
         for number, placed in enumerate(scans):
-            scan, pose = placed.scan, placed.pose
+            scan = placed.scan
             which = scan.measured()
             if reach_m > 0.0:
                 which &= scan.ranges_m <= reach_m
             ranges = scan.ranges_m[which].astype(np.float64)
-            angles = pose.yaw_rad + scan.bearings()[which]
-            ways = np.stack((np.cos(angles), np.sin(angles)))
-            ends = (np.array([[pose.x_m], [pose.y_m]]) + ranges * ways) / resolution_m
+            ends = placed.along(which, ranges) / resolution_m
+            ways = placed.ways(which)
             found.append((np.full(ranges.size, number), ends, ways, ranges / resolution_m))
         joined = [np.concatenate(one, axis=-1) for one in zip(*found, strict=True)]
         return cls._make(joined)

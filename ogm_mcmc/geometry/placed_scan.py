@@ -55,13 +55,13 @@ class PlacedScan(NamedTuple):
 
     def along(self, beams: AnyArray, lengths_m: Float64Array) -> Float64Array:
         """Return the points (2, ...) at so many metres (...) along beams of these indices, m."""
+        x_m, y_m = lengths_m * self.ways(beams)
+        return np.stack((self.pose.x_m + x_m, self.pose.y_m + y_m))
+
+    def ways(self, beams: AnyArray) -> Float64Array:
+        """Return which way beams of these indices look in the map: unit vectors (2, ...)."""
         angles = self.pose.yaw_rad + self.scan.bearings()[beams]
-        return np.stack(
-            (
-                self.pose.x_m + lengths_m * np.cos(angles),
-                self.pose.y_m + lengths_m * np.sin(angles),
-            )
-        )
+        return np.stack((np.cos(angles), np.sin(angles)))
 
     def thinned(self, stride: int) -> PlacedScan:
         """Return every `stride`-th beam, the first among them; with 1 the scan itself."""
