@@ -28,7 +28,7 @@ from tqdm import tqdm
 from ogm_mcmc import __version__
 from ogm_mcmc.engine.prior_files import default_prior_file
 from ogm_mcmc.errors import ConfigError, OgmError
-from ogm_mcmc.files.output_files import replacing, writable_folder
+from ogm_mcmc.files.output_files import folder_to_fill, replacing
 from ogm_mcmc.files.signals import signals_later
 from ogm_mcmc.lab.experiments.worker_pool import worker_pool
 from ogm_mcmc.lab.workers import LOOK_S, check
@@ -100,7 +100,6 @@ def run_all(
     `executor`, or that of `using_executor`, takes the place of local processes: anything with the
     interface of concurrent.futures, a cluster's as well.
     """
-    writable_folder(folder)
     executor = executor or _executor.get()
     results: dict[str, dict[str, Any]] = {}
     missing: dict[str, Mapping[str, Any]] = {}
@@ -115,9 +114,12 @@ def run_all(
         else:
             results[name] = held
     count = min(workers or worker_count(), max(1, len(missing)))
-    with tqdm(
-        total=len(datasets), initial=len(results), desc=title, unit=' sets', disable=None
-    ) as bar:
+    with (
+        folder_to_fill(folder),
+        tqdm(
+            total=len(datasets), initial=len(results), desc=title, unit=' sets', disable=None
+        ) as bar,
+    ):
 
         def keep(name: str, result: dict[str, Any]) -> None:
             with signals_later():

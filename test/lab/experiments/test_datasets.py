@@ -302,7 +302,7 @@ def test_what_is_finished_when_others_fail_is_kept(tmp_path):
     assert kept == {'set0', 'set1', 'set3', 'set4', 'set5'}
 
 
-def test_how_many_workers(monkeypatch):
+def test_how_many_workers(tmp_path, monkeypatch):
     monkeypatch.delenv('OGM_MCMC_WORKERS', raising=False)
     assert worker_count() >= 1
     monkeypatch.setenv('OGM_MCMC_WORKERS', '3')
@@ -310,3 +310,6 @@ def test_how_many_workers(monkeypatch):
     monkeypatch.setenv('OGM_MCMC_WORKERS', 'many')
     with pytest.raises(ConfigError, match='OGM_MCMC_WORKERS'):
         worker_count()
+    with pytest.raises(ConfigError, match='OGM_MCMC_WORKERS'):
+        run_all(tmp_path / 'out', square, {'set0': {'value': 1}})
+    assert list(tmp_path.iterdir()) == []
