@@ -155,7 +155,16 @@ def load_grid(path: Path, most_cells: int = MOST_CELLS) -> GridMap:
         return load_array_map(path, most_cells)
     raise MapFileError(
         f'{path}: expected a map YAML (.yaml), probabilities (.npz) or an array (.npy, .mat)'
+        + _nearest_map(path)
     )
+
+
+def _nearest_map(path: Path) -> str:
+    """Return which file was likely meant: one in a folder, or what lies beside an image."""
+    meant = [path.with_suffix(end) for end in ('.npz', '.yaml')]
+    if path.is_dir():
+        meant = [one for end in ('.npz', '.yaml') for one in sorted(path.glob(f'*{end}'))]
+    return next((f', such as {one}' for one in meant if one.is_file()), '')
 
 
 def load_judged(path: Path, most_cells: int = MOST_CELLS, *, filled: bool = True) -> JudgedMap:

@@ -131,6 +131,8 @@ def test_probabilities_come_back_from_a_file(maps):
     ('arguments', 'reason'),
     [
         (['nowhere.npz', '--truth', 'truth.yaml'], 'nowhere.npz'),
+        (['m=.', '--truth', 'truth.yaml'], 'or an array (.npy, .mat), such as far.npz'),
+        (['map.png', '--truth', 'truth.yaml'], 'or an array (.npy, .mat), such as map.npz'),
         (['map.npz', '--truth', 'nowhere.yaml'], 'nowhere.yaml: expected a readable map YAML'),
         (['notes.npz', '--truth', 'truth.yaml'], 'expected an NPZ with probability'),
         (['other.npz', '--truth', 'truth.yaml'], 'expected an NPZ with probability'),
