@@ -295,7 +295,7 @@ class RefineServerConfig:
 
 
 LEARNED = PatchConfig(prior='border', size=9, strength=1.15, min_probability=0.003, max_floor=0.02)
-FITTED = ChainConfig(chains=0, sensor='fitted', reflecting=0.2)
+FITTED = ChainConfig(chains=0, sensor='fitted', reflecting=0.2, neighbours=0.02)
 JUDGED = NodeWindowConfig()
 SENSED = NodeModelConfig()
 

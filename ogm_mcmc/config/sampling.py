@@ -181,6 +181,14 @@ class ChainConfig:
         low=0.0,
         high=0.5,
     )
+    neighbours: float = setting(
+        0.0,
+        'weight, in the probability of a cell that all maps which were drawn agree about, of each '
+        'of the four cells beside it: in full where sigma is 0.7 of a cell or more, none up to '
+        'half a cell. Where cells begin is arbitrary, and readings may be of the next one',
+        low=0.0,
+        high=0.25,
+    )
     burn_in: int = setting(
         50,
         'largest number of sweeps of each chain that are not counted; of 40 or more the second '

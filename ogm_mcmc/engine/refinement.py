@@ -317,15 +317,15 @@ class Refinement:
     def map(self, of: Estimate | None = None) -> GridMap:
         """Return the probabilities on the window, nan where no ray ever came.
 
-        The mean of draws, with the live map as one more, the share of beams that cells reflected
-        with its weight, `chain.reflecting`, and at least what that share is of many beams, as
-        `Beside.completed` has it. `of` draws of the burn-in as of those that count.
+        The mean of draws, sure cells with some of their neighbours, the live map as one more, the
+        share of beams that cells reflected with its weight, and at least what that share is of
+        many beams: see `Beside.completed`. `of` draws of the burn-in as of those that count.
         """
         of, cell_m = of or self._sampled().estimate(), self.config.window.resolution
-        blur, weight = blur_of(self.beams.model.sigma_m, cell_m), self.config.chain.reflecting
+        blur, chain = blur_of(self.beams.model.sigma_m, cell_m), self.config.chain
         sensor = self.beams.sensor
         in_part = filled_in_part(None if sensor is None else sensor.grazing, blur, cell_m)
-        return self._beside().completed(self.drawn_map(of), of.draws, weight, blur, in_part)
+        return self._beside().completed(self.drawn_map(of), of.draws, chain, blur, in_part)
 
     def drawn_map(self, of: Estimate | None = None) -> GridMap:
         """Return the mean of the draws alone on the window, nan where no ray ever came."""

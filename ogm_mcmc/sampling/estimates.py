@@ -13,6 +13,7 @@ __all__ = [
     'hide_uncertain',
     'mutual_information_bits',
     'pair_information_bits',
+    'with_neighbours',
     'with_one_more_draw',
     'with_share_of',
 ]
@@ -133,6 +134,31 @@ def with_one_more_draw(mean: GridMap, guess: GridMap, draws: int) -> GridMap:
     """
     bounded = np.clip(guess.probability, SURELY_FREE, SURELY_OCCUPIED)
     return with_share_of(mean, GridMap(mean.spec, bounded), 1.0 / (draws + 1))
+
+
+def with_neighbours(mean: GridMap, share: float) -> GridMap:
+    """Return a map in which cells that it is sure of have a share of each cell beside them.
+
+    p + share (1 - 2 p)^2 sum of (q - p) over its four neighbours q, but for those that are nan;
+    cells in doubt stay as they are. share  0 to 0.25
+
+    Design note. Where cells begin is arbitrary. Chains whose lattice lies a fraction of a cell
+    away have the rim of a wall in the next cell, and are as sure of it. Maps that are the mean of
+    four such lattices predict the beams of logs better, but each needs an index of rays, and
+    chains of its own to agree. Where readings may be of the cell beside the one that they end in,
+    this gains a part of it, at no cost: see `docs/results.md`, Other lattices. Of doubtful cells,
+    too, it would gain the same, but a thirtieth of the walls that few beams met would no longer
+    be sure enough to be shown (0.65; Intel, 5 %).
+    """
+    p = mean.probability
+    rise = np.zeros_like(p)
+    across, along = (np.nan_to_num(np.diff(p, axis=axis), nan=0.0) for axis in (1, 0))
+    rise[:, :-1] += across
+    rise[:, 1:] -= across
+    rise[:-1] += along
+    rise[1:] -= along
+    sure = np.square(np.float32(1.0) - np.float32(2.0) * p)
+    return GridMap(mean.spec, p + np.float32(share) * sure * rise)
 
 
 def with_share_of(

@@ -23,7 +23,12 @@ from ogm_mcmc.engine.refined_map import RefinedMap
 from ogm_mcmc.engine.refinement import Refinement
 from ogm_mcmc.engine.sensor_fit import SensorNumbers
 from ogm_mcmc.geometry import PlacedScan, Pose2D
-from ogm_mcmc.sampling.estimates import hide_uncertain, with_one_more_draw, with_share_of
+from ogm_mcmc.sampling.estimates import (
+    hide_uncertain,
+    with_neighbours,
+    with_one_more_draw,
+    with_share_of,
+)
 from ogm_mcmc.sampling.informed import known_cells
 from ogm_mcmc.sampling.posterior import ARRIVES
 
@@ -107,6 +112,26 @@ def test_the_share_of_beams_that_a_cell_reflected_has_its_weight():
     mixed.take([FIRST, SECOND, THIRD])
     run(mixed, max_sweeps=12)
     assert np.isfinite(mixed.map().probability).sum() > np.isfinite(found).sum()
+
+
+def test_neighbours_weigh_as_far_as_readings_may_be_of_them():
+    refinement = taken(FIRST, SECOND)
+    run(refinement, max_sweeps=12)
+    drawn, cell_m = refinement.drawn_map(), refinement.config.window.resolution
+    draws = refinement.sampler.estimate().draws
+
+    def at(cells, neighbours):
+        chain = replace(refinement.config.chain, neighbours=neighbours)
+        refinement.config = replace(refinement.config, chain=chain)
+        model = replace(refinement.beams.model, sigma=cells * cell_m)
+        refinement.beams = refinement.beams._replace(model=model)
+        return refinement.map().probability
+
+    for cells, blur in ((0.5, 0.0), (0.6, 0.5), (0.7, 1.0)):
+        smeared = with_neighbours(drawn, 0.1 * blur)
+        expected = with_one_more_draw(smeared, refinement.guess, draws).probability
+        np.testing.assert_allclose(at(cells, 0.1), expected, atol=1e-6)
+        assert np.array_equal(at(cells, 0.1), at(cells, 0.0), True) == (blur == 0.0)
 
 
 def test_a_cell_that_reflected_many_beams_has_no_less_than_their_share():

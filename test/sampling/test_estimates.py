@@ -11,6 +11,7 @@ from ogm_mcmc.geometry import GridMap, GridSpec
 from ogm_mcmc.sampling.estimates import (
     at_least,
     mutual_information_bits,
+    with_neighbours,
     with_one_more_draw,
     with_share_of,
 )
@@ -94,6 +95,23 @@ def test_what_the_mean_is_sure_of_is_moved_less():
         with_share_of(mean, other, 0.2, of_sure=1.0).probability,
         with_share_of(mean, other, 0.2).probability,
     )
+
+
+def test_sure_cells_have_a_share_of_their_neighbours():
+    rng = np.random.default_rng(4)
+    cells = rng.choice([0.0, 1.0, 0.5, 0.1, 0.9, math.nan], (7, 9)).astype(np.float32)
+    found = with_neighbours(GridMap(GridSpec(0.1, 9, 7), cells), 0.25).probability
+    for row, column in np.ndindex(7, 9):
+        p, rise = float(cells[row, column]), 0.0
+        for down, across in ((-1, 0), (1, 0), (0, -1), (0, 1)):
+            there = row + down, column + across
+            if 0 <= there[0] < 7 and 0 <= there[1] < 9 and not math.isnan(cells[there]):
+                rise += float(cells[there]) - p
+        expected = p + 0.25 * (1.0 - 2.0 * p) ** 2 * rise
+        assert found[row, column] == approx(expected, abs=1e-6, nan_ok=True)
+        assert p != 0.5 or found[row, column] == 0.5
+    assert np.nanmin(found) >= 0.0
+    assert np.nanmax(found) <= 1.0
 
 
 def test_a_map_is_raised_to_the_least_that_another_one_says():
