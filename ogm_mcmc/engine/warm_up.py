@@ -9,6 +9,7 @@ cost time only.
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -31,6 +32,9 @@ __all__ = [
     'warm_up_poses',
     'warm_up_sampling',
 ]
+
+# Of the first of two beams.
+FIRST_RAD = 0.1
 
 
 def warm_up_sampling(config: SamplerConfig) -> int:
@@ -103,11 +107,14 @@ def _changing_windows(resolution_m: float) -> list[list[PlacedScan]]:
 
 
 def _two_scans(resolution_m: float) -> list[PlacedScan]:
-    """Return scans of two beams, one of which hits, at two places."""
+    """Return scans of two beams, one of which hits, at two places.
+
+    It hits the middle of a cell: half way between two of them it may tell nothing of either.
+    """
     reach = 4.0 * resolution_m
     scan = Scan.checked(
-        np.array([0.5, np.inf], np.float32) * np.float32(reach),
-        angle_min_rad=0.1,
+        np.array([0.625 / math.cos(FIRST_RAD), np.inf], np.float32) * np.float32(reach),
+        angle_min_rad=FIRST_RAD,
         angle_increment_rad=1.0,
         range_min_m=0.0,
         range_max_m=reach,
