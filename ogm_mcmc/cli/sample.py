@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from tqdm import tqdm
 
+from ogm_mcmc.arrays import UInt8Array
 from ogm_mcmc.cli.bag_scans import BagScans, read_bag, record
 from ogm_mcmc.cli.kept_state import KeptState
 from ogm_mcmc.cli.option_ranges import Range, check_options
@@ -361,10 +362,10 @@ def _on_lattice(grid_map: GridMap) -> GridMap:
 
 def _draw(
     refinement: Refinement, options: argparse.Namespace, interrupted: threading.Event
-) -> list[np.ndarray[Any, Any]]:
+) -> list[UInt8Array]:
     """Draw the whole maps that were asked for; fewer after Ctrl-C."""
     assert refinement.sampler is not None
-    maps: list[np.ndarray[Any, Any]] = []
+    maps: list[UInt8Array] = []
     if options.samples == 0 or interrupted.is_set():
         return maps
     with tqdm(total=options.samples, desc='draw', unit=' maps', disable=None) as bar:

@@ -43,9 +43,9 @@ way asks all.
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ogm_mcmc.arrays import Float64Array
 from ogm_mcmc.engine.collision_kernels import built_up, way_risk
@@ -77,7 +77,7 @@ def chance_of_unknown(samples: SampleBits, prior: float) -> float:
 
 
 def collision_risk(
-    samples: SampleBits, places: Any, radius_m: float, unknown: float, behind: float = BEHIND
+    samples: SampleBits, places: ArrayLike, radius_m: float, unknown: float, behind: float = BEHIND
 ) -> Float64Array:
     """Return (N + 1,): how likely a disc meets something at each place, and on the whole way.
 

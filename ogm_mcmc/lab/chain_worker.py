@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ogm_mcmc.arrays import UInt8Array
+from ogm_mcmc.arrays import AnyArray, BoolArray, UInt8Array
 from ogm_mcmc.engine.posterior import posterior_of
 from ogm_mcmc.errors import WindowError
 from ogm_mcmc.lab.chain_parcels import (
@@ -217,13 +217,14 @@ def _answer(sampler: PosteriorSampler, flips: int, *, looked: bool) -> Advanced:
     )
 
 
-def _added(counts: BatchCounts) -> list[tuple[Any, int]]:
+def _added(counts: BatchCounts) -> list[tuple[AnyArray, int]]:
     assert isinstance(counts, AddedCounts)
     return counts.take_added()
 
 
-def _occupied(model: PosteriorModel, cells: UInt8Array) -> Any:
-    return cells[model.touched] != 0
+def _occupied(model: PosteriorModel, cells: UInt8Array) -> BoolArray:
+    occupied: BoolArray = cells[model.touched] != 0
+    return occupied
 
 
 _lock = threading.Lock()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.random import Generator
@@ -24,6 +24,7 @@ from ogm_mcmc.sampling.cell_gibbs import GibbsState
 from ogm_mcmc.sampling.diagnostics import BatchCounts, ChainQuality, assess
 from ogm_mcmc.sampling.first_hits import HitsBefore
 from ogm_mcmc.sampling.gibbs_kernels import NO_CHANCE, PARTS, add_occupied
+from ogm_mcmc.sampling.patch_places import PatchPlaces
 
 __all__ = ['Estimate', 'Focus', 'PosteriorModel', 'PosteriorSampler']
 
@@ -62,7 +63,7 @@ class PosteriorModel(Protocol):
         state: GibbsState,
         *,
         settling: bool = False,
-        focus: Any = None,
+        focus: PatchPlaces | None = None,
         chances: UInt8Array | None = None,
     ) -> int:
         """Do one sweep in place; return the number of flips.
@@ -73,7 +74,7 @@ class PosteriorModel(Protocol):
         """
         ...
 
-    def focus(self, in_doubt: BoolArray, moving: BoolArray) -> Any:
+    def focus(self, in_doubt: BoolArray, moving: BoolArray) -> PatchPlaces | None:
         """Return what makes sweeps come by settled cells seldom; `in_doubt` (K,) are not.
 
         `moving` (K,) are cells whose probabilities are to be told, where they are near to these.
@@ -123,7 +124,7 @@ class Focus(NamedTuple):
 
     after: int
     cells: BoolArray
-    places: Any
+    places: PatchPlaces | None
 
 
 class PosteriorSampler:
@@ -244,7 +245,7 @@ class PosteriorSampler:
                 into.sweep_added()
         return flips
 
-    def _focus_of(self, chain: int, done: int) -> Any:
+    def _focus_of(self, chain: int, done: int) -> PatchPlaces | None:
         """Return what the sweep after so many looks at most, None when it draws everything."""
         if decides_after(self.burn_in, done):
             told = self.settling[chain]
