@@ -20,7 +20,7 @@ import signal
 import sys
 import threading
 from collections.abc import Iterator
-from types import CodeType, FrameType, TracebackType
+from types import CodeType, FrameType
 from typing import Any, Self
 
 __all__ = [
@@ -201,12 +201,7 @@ class NotedSignals:
         if unraisable.exc_type is not KeyboardInterrupt and not self.asked:
             self._hook_before(unraisable)
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Put back what was there."""
         for number, handler in self._before:
             signal.signal(number, handler)
