@@ -161,9 +161,10 @@ def load_grid(path: Path, most_cells: int = MOST_CELLS) -> GridMap:
 
 def _nearest_map(path: Path) -> str:
     """Return which file was likely meant: one in a folder, or what lies beside an image."""
-    meant = [path.with_suffix(end) for end in ('.npz', '.yaml')]
     if path.is_dir():
         meant = [one for end in ('.npz', '.yaml') for one in sorted(path.glob(f'*{end}'))]
+    else:
+        meant = [path.with_suffix(end) for end in ('.npz', '.yaml') if path.name]
     return next((f', such as {one}' for one in meant if one.is_file()), '')
 
 
