@@ -32,13 +32,14 @@ class OdometryIntake:
     """Keeps the odometry at the stamps of recorded scans, for joint poses that want it.
 
     With poses from tf it is the frame called odom above the base, else the topic `odom`. Where
-    odometry is the source of poses there is none beside it.
+    poses are those of odometry themselves there is none beside them: it would count twice.
     """
 
     def __init__(self, node: Node, intake: ScanIntake, poses: PosesConfig) -> None:
         self.node, self.intake = node, intake
         source = intake.settings.pose_source
-        self.used = poses.joint and poses.trajectory.odometry and source != 'odom'
+        beside = source != 'odom' and not is_called_odom(intake.settings.map_frame)
+        self.used = poses.joint and poses.trajectory.odometry and beside
         self.from_tf = source == 'tf'
         self.track = OdometryTrack()
         self._clock = StillClocks()

@@ -27,6 +27,7 @@ def parameters(**values):
         ({'poses': 'joint', 'trajectory__odometry': False}, False),
         ({'poses': 'fixed'}, False),
         ({'poses': 'joint', 'pose_source': 'odom'}, False),
+        ({'poses': 'joint', 'map_frame': 'odom'}, False),
     ],
 )
 def test_odometry_is_kept_at_scans_where_joint_poses_want_it(monkeypatch, chosen, heard):
@@ -37,7 +38,8 @@ def test_odometry_is_kept_at_scans_where_joint_poses_want_it(monkeypatch, chosen
             if chosen.get('pose_source') == 'odom':
                 node.intake.on_pose(odometry(float(k), 0.1 * k))
             else:
-                node.intake.on_pose(pose(float(k), 0.1 * k))
+                frame = chosen.get('map_frame', 'map')
+                node.intake.on_pose(pose(float(k), 0.1 * k, frame=frame))
             node.odometry.on_odometry(odometry(k + 0.1, 0.2 * k))
             node.intake.on_scan(scan(float(k), (1.0, 1.5, 2.0)))
         node.odometry.adapt()
