@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from tqdm import tqdm
 
-from ogm_mcmc.arrays import AnyArray
+from ogm_mcmc.arrays import AnyArray, Float64Array
 from ogm_mcmc.cli.evaluate_beams import (
     beam_figures,
     beam_settings,
@@ -31,7 +31,7 @@ from ogm_mcmc.config import (
 )
 from ogm_mcmc.errors import ConfigError, GridError
 from ogm_mcmc.evaluation import ForwardModel, beam_log_likelihood, compare, held_out_points
-from ogm_mcmc.evaluation.held_out import cells_of_ends
+from ogm_mcmc.evaluation.held_out import HeldOutBeams, cells_of_ends
 from ogm_mcmc.files.user_paths import user_path
 from ogm_mcmc.geometry import GridSpec, Pose2D
 from ogm_mcmc.io.map_files import JudgedMap, load_grid
@@ -196,26 +196,7 @@ def compared_by_beams(
             'points: Brier': f'{scores[name].brier.value:.4f}',
         }
     blocks = _blocks([_extent(held.frame_of(name), one.spec) for name, one in filled.items()])
-    on_blocks = beams._replace(cell=cells_of_ends(beams.placed, blocks))
-    differences = []
-    for first, second in combinations(maps, 2):
-        gap = values[first] - values[second]
-        ratio = beams.mean(gap)
-        by_scan = beams.per_scan(gap)
-        differences.append({
-            'map': first,
-            'against': second,
-            'nats_per_beam': ratio.value,
-            'standard_error': ratio.standard_error,
-            'scans_won': int((by_scan > 0.0).sum()),
-            'scans_lost': int((by_scan < 0.0).sum()),
-        })  # fmt: skip
-    what = f'log-likelihood of the beams that ended in {blocks.resolution_m:.2g} m'
-    pictures = [
-        _wins(on_blocks.per_cell(values[first] - values[second], blocks), first, second, what)
-        for first, second in _drawn({name: beams.mean(of).value for name, of in values.items()})
-    ]
-    sections = [('Where one predicts held-out beams better', pictures)]
+    sections = [('Where one predicts held-out beams better', _all_wins(values, beams, blocks))]
     if scores:
         curves = Picture(
             reliability_png({name: one.reliability for name, one in scores.items()}),
@@ -234,7 +215,38 @@ def compared_by_beams(
         if 'alignment' in one
     ]
     common['hints'] = [f'{name}: {one["hint"]}' for name, one in figures.items() if 'hint' in one]
+    differences = _differences(values, beams)
     return Compared(figures, columns, common, differences, sections, settings)
+
+
+def _differences(values: Mapping[str, Float64Array], beams: HeldOutBeams) -> list[dict[str, Any]]:
+    """Return by how much each map predicts the beams better than each after it, nats."""
+    differences = []
+    for first, second in combinations(values, 2):
+        gap = values[first] - values[second]
+        ratio = beams.mean(gap)
+        by_scan = beams.per_scan(gap)
+        differences.append({
+            'map': first,
+            'against': second,
+            'nats_per_beam': ratio.value,
+            'standard_error': ratio.standard_error,
+            'scans_won': int((by_scan > 0.0).sum()),
+            'scans_lost': int((by_scan < 0.0).sum()),
+        })  # fmt: skip
+    return differences
+
+
+def _all_wins(
+    values: Mapping[str, Float64Array], beams: HeldOutBeams, blocks: GridSpec
+) -> list[Picture]:
+    """Return where on the map one predicts the beams better than another, of those to be shown."""
+    on_blocks = beams._replace(cell=cells_of_ends(beams.placed, blocks))
+    what = f'log-likelihood of the beams that ended in {blocks.resolution_m:.2g} m'
+    return [
+        _wins(on_blocks.per_cell(values[first] - values[second], blocks), first, second, what)
+        for first, second in _drawn({name: beams.mean(of).value for name, of in values.items()})
+    ]
 
 
 class _Extent(NamedTuple):
