@@ -42,6 +42,23 @@ Short and full ones are as far apart as two seeds of either; the log-likelihoods
 156 617 and 156 774 nats with 50, 156 653 to 156 685 with 25, are so, too. That few cells are
 further off than errors say, as two full ones also are, is not the burn-in's. Every third scan, two
 seeds: chains agreed at no look, and the burn-in was done whole.
+
+Design note: a burn-in that begins cold
+---------------------------------------
+Context. Where beams are few a reading is a single solid cell to begin with, which a learned prior
+calls unlikely. The first sweeps take it for clutter, and chains are hundreds of sweeps in coming
+back: the log-likelihood of a sparse warehouse's maps rises from 1233 to 1365 nats between 16 and
+96 counted sweeps.
+
+Decision. In the first 16 sweeps of a whole burn-in the likelihood has a power, 3 at first, down to
+1: walls stand before readings can be doubted. They do not count, so the posterior is what it was;
+the first look at agreement still sees the last eight of them. Only of few rays
+(`PatchModel.begins_cold`): Intel, even beams, gains nothing. Nothing has to be kept for it: which
+power a sweep has follows from how many were done.
+
+Consequence. Of five worlds of 395 to 1961 rays the Brier score falls by 2 to 28 %, the calibration
+error, too, in the same time. Hot burn-ins, and exchange between chains, are worse: see "Tempering"
+in docs/results.md.
 """
 
 from __future__ import annotations
@@ -68,7 +85,11 @@ __all__ = [
     'draws_everything',
     'end_looks',
     'ends_with',
+    'power_after',
 ]
+
+POWERS = (3.0, 3.0, 3.0, 2.5, 2.5, 2.0, 2.0, 1.8, 1.6, 1.5, 1.4, 1.3, 1.2, 1.1, 1.1, 1.05)
+"""Of the likelihood in the first sweeps of a burn-in that begins cold."""
 
 LEAST_LOOK = 8
 """What is settled is not told by fewer sweeps."""
@@ -98,6 +119,14 @@ def decides_after(burn_in: int, done: int) -> bool:
 def draws_everything(burn_in: int, done: int) -> bool:
     """Whether the sweep after so many draws everything alike, whatever was decided."""
     return burn_in - FRESH <= done < burn_in
+
+
+def power_after(burn_in: int, done: int) -> float:
+    """Return the power of the likelihood after so many sweeps of a burn-in that begins cold.
+
+    A short burn-in, of chains that go on, has none.
+    """
+    return POWERS[done] if burn_in >= LEAST_BURN_IN and done < len(POWERS) else 1.0
 
 
 def end_looks(burn_in: int) -> list[int]:

@@ -100,6 +100,11 @@ class IndexedModel:
     telling: AnyArray
 
     @property
+    def begins_cold(self) -> bool:
+        """Return False: independent cells forget in a few sweeps whatever they were."""
+        return False
+
+    @property
     def n_cells(self) -> int:
         """Number of cells of the window, K."""
         return self.index.n_cells
@@ -175,10 +180,11 @@ class CellModel(IndexedModel):
         settling: bool = False,
         focus: object = None,
         chances: object = None,
+        power: float = 1.0,
     ) -> int:
         """Draw every touched cell once, in place; return the number of flips.
 
-        `settling`, `focus` and `chances` make no difference to single cells, see `PosteriorModel`.
+        The others make no difference to single cells, see `PosteriorModel`.
         """
         order = self.touched
         if self.order == 'random':

@@ -100,6 +100,8 @@ what is behind a hit another, and a table with fewer candidates pays by fewer pa
 
 from __future__ import annotations
 
+from copy import copy
+
 import numpy as np
 from numpy.random import Generator
 
@@ -133,6 +135,9 @@ WHOLE_SHARE = 0.25
 
 SETTLED_WHOLE_SHARE = 1.0 / 16.0
 """The same in sweeps that count and look most where doubt is."""
+
+FEW_RAYS = 2_000
+"""Of so many rays or more walls are where readings are from the first sweep on."""
 
 PATCH_ORDERS = ('tiled', 'random')
 
@@ -193,6 +198,17 @@ class PatchModel(IndexedModel):
         ring = ring_cells(side).astype(np.int64)
         self._ring = ring[:, 0] * width + ring[:, 1]
 
+    def to_power(self, power: float) -> PatchModel:
+        """Return the model with the likelihood, not the prior, raised to a power."""
+        model = copy(self)
+        model.index = self.index.to_power(power)
+        return model
+
+    @property
+    def begins_cold(self) -> bool:
+        """Whether a burn-in begins with likelihoods to a power above 1, see `burn_in.POWERS`."""
+        return self._surrounded and self.index.n_rays < FEW_RAYS
+
     def found(self) -> tuple[BoolArray, AnyArray] | None:
         """Return which cells (K,) rays tell of, and `telling` (N,): `known` of the next model."""
         return self.told, self.telling
@@ -220,8 +236,29 @@ class PatchModel(IndexedModel):
         settling: bool = False,
         focus: PatchPlaces | None = None,
         chances: UInt8Array | None = None,
+        power: float = 1.0,
     ) -> int:
-        """Draw K / L patches in place; return the number of flipped cells."""
+        """Draw K / L patches in place; return the number of flipped cells.
+
+        `power`: of the likelihood, in sweeps that do not count.
+        """
+        if power == 1.0:
+            return self._sweep(rng, state, settling, focus, chances)
+        sharp = self.to_power(power)
+        drawn = sharp.start(state.cells)
+        flips = sharp._sweep(rng, drawn, settling, focus, chances)
+        state.cells[:] = drawn.cells
+        state.records[:] = first_hits(drawn.cells, self.index)
+        return flips
+
+    def _sweep(
+        self,
+        rng: Generator,
+        state: GibbsState,
+        settling: bool,
+        focus: PatchPlaces | None,
+        chances: UInt8Array | None,
+    ) -> int:
         escape = self._escape(settling)
         if focus is None:
             return self.draw_patches(rng, self.order_of_sweep(rng), state, escape)

@@ -19,6 +19,7 @@ from ogm_mcmc.sampling.burn_in import (
     draws_everything,
     end_looks,
     ends_with,
+    power_after,
 )
 from ogm_mcmc.sampling.cell_gibbs import GibbsState
 from ogm_mcmc.sampling.diagnostics import BatchCounts, ChainQuality, assess
@@ -40,6 +41,11 @@ class PosteriorModel(Protocol):
 
     touched: AnyArray
     """Cells (C,) int32 that are sampled."""
+
+    @property
+    def begins_cold(self) -> bool:
+        """Whether readings count for more in the first sweeps of a burn-in, see `burn_in`."""
+        ...
 
     @property
     def n_cells(self) -> int:
@@ -65,12 +71,15 @@ class PosteriorModel(Protocol):
         settling: bool = False,
         focus: PatchPlaces | None = None,
         chances: UInt8Array | None = None,
+        power: float = 1.0,
     ) -> int:
         """Do one sweep in place; return the number of flips.
 
         `settling` says that it does not count: whatever leaves a bad start soonest will do.
         `focus` is what `focus` returned, None to draw everything alike. `chances` (K,) may be
         filled with what cells were drawn with, in `PARTS`, to be counted in their place.
+        `power`: of the likelihood, 1 but in sweeps that settle chains of a model that
+        `begins_cold`.
         """
         ...
 
@@ -233,12 +242,14 @@ class PosteriorSampler:
             done = self.sweeps + i
             settling = done < self.burn_in
             into = settled if settling else counts
+            power = power_after(self.burn_in, done) if self.model.begins_cold else 1.0
             flips += self.model.advance(
                 self.rngs[chain],
                 state,
                 settling=settling,
                 focus=self._focus_of(chain, done),
                 chances=None if into is None else chances,
+                power=power,
             )
             if into is not None:
                 add_occupied(state.cells, chances, self.model.touched, into.row)

@@ -89,6 +89,15 @@ class RayIndex(NamedTuple):
             *(self.tiles, self.runs, self.run_lengths, self.rays, ray_bits, self.grid),
         )
 
+    def to_power(self, power: float) -> RayIndex:
+        """Return the index of the same rays with each likelihood raised to a power."""
+        scale, near, rays = np.float32(power), self.near.copy(), self.rays.copy()
+        near.view(np.float32)[:, 1] *= scale
+        levels = rays.view(np.float32)
+        levels[:, [LEVEL, UNSEEN]] *= scale
+        gain, left_out = self.gain * scale, self.left_out * power
+        return self._replace(near=near, rays=rays, gain=gain, left_out=left_out)
+
     def ray(self, number: int) -> tuple[AnyArray, Float32Array, float]:
         """Return the cells of a ray in order, log p(z | each is its first hit), and none is."""
         ray = self.rays[number]

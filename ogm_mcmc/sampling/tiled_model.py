@@ -68,6 +68,9 @@ class TiledModel:
     group, then of the next. Hits of visits (V,) take the place of the records of a state.
     """
 
+    begins_cold = False
+    """Windows of few rays are no work for several."""
+
     def __init__(
         self,
         tiling: Tiling,
@@ -129,6 +132,7 @@ class TiledModel:
         settling: bool = False,
         focus: PatchPlaces | None = None,
         chances: UInt8Array | None = None,
+        power: float = 1.0,
     ) -> int:
         """Do one sweep in place; return the number of flips."""
         prior = self._prior

@@ -135,3 +135,25 @@ def test_chains_that_start_alike_cannot_tell_that_they_forgot_it(chains, monkeyp
     sampler = PosteriorSampler(model, starts, seed=1, burn_in=40, may_end=True)
     sampler.advance(41)
     assert (sampler.burn_in, sampler.counted) == (40, 1)
+
+
+@pytest.mark.parametrize(
+    ('burn_in', 'cold', 'begins'), [(40, True, True), (39, True, False), (40, False, False)]
+)
+def test_only_a_long_burn_in_begins_cold(burn_in, cold, begins):
+    """And no sweep that counts has anything but the likelihood."""
+    powers = []
+
+    class Recording(LoneCells):
+        begins_cold = cold
+
+        def advance(self, rng, state, *, settling, power, **_):
+            assert settling or power == 1.0
+            powers.append(power)
+            return 0
+
+    sampler = sampler_of(Recording(np.full(4, 0.5)), chains=1, burn_in=burn_in)
+    sampler.advance(burn_in + 2)
+    first = list(burn_in_module.POWERS) if begins else [1.0] * len(burn_in_module.POWERS)
+    assert powers == first + [1.0] * (burn_in + 2 - len(burn_in_module.POWERS))
+    assert first == sorted(first, reverse=True)

@@ -113,6 +113,30 @@ def test_kernel_has_the_bias_of_the_published_algorithm():
     assert naive.total_variation(seen, posterior) > 0.05
 
 
+@pytest.mark.jit
+def test_likelihoods_to_a_power_have_a_posterior_of_their_own():
+    index, free = three_cells()
+    plain = PatchModel(index, 5, make_table('uniform', 1, p_occupied=0.3))
+    rays, power = naive.rays_of(index), 2.5
+    sharp = plain.to_power(power)
+    weights = {1.0: [], power: []}
+    for cells in naive.maps_of([0] * 15, free):
+        said = naive.log_likelihood(rays, cells)
+        state = sharp.start(np.array(cells, np.uint8))
+        assert sharp.log_likelihood(state) == pytest.approx(power * said, rel=1e-5)
+        for one, of_maps in weights.items():
+            of_maps.append(math.exp(one * said + sum(cells) * math.log(0.3 / 0.7)))
+    exact = {one: np.array(of_maps) / sum(of_maps) for one, of_maps in weights.items()}
+    assert naive.total_variation(exact[1.0], exact[power]) > 0.05
+    for one, model in ((1.0, plain), (power, sharp)):  # the plain one is as it was
+        rng, seen = np.random.default_rng(8), np.zeros(8)
+        state = model.start(np.zeros(15, np.uint8))
+        for _ in range(20_000):
+            model.draw_patches(rng, np.array(free, np.int32), state, 0.0)
+            seen[int(state.cells[free] @ (1, 2, 4))] += 1
+        assert naive.total_variation(seen / seen.sum(), exact[one]) < 0.015
+
+
 def draws_in_turn(places, maps, table):
     """Return how a distribution over maps of 6 x 5 changes when patches are drawn from a prior."""
     number = {cells: i for i, cells in enumerate(maps)}

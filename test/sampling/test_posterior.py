@@ -12,6 +12,7 @@ from ogm_mcmc.engine.prior_files import default_prior_file, load_prior
 from ogm_mcmc.errors import ConfigError
 from ogm_mcmc.geometry import CellBox, PlacedScan, Pose2D
 from ogm_mcmc.sampling import PosteriorSampler, RayWindow, over_dispersed_starts
+from ogm_mcmc.sampling.burn_in import POWERS
 from ogm_mcmc.sampling.chain_starts import forgotten
 from ogm_mcmc.sampling.patch_gibbs import PatchModel
 from ogm_mcmc.sampling.patch_places import DULL_TURNS
@@ -153,12 +154,12 @@ def test_starts_of_one_kind(kind, mean):
         assert not np.array_equal(starts[0], starts[1])
 
 
-def blocked_room():
+def blocked_room(beams=120):
     """A room seen from its middle by many beams, and a prior that holds blocks together."""
     window = RayWindow(
         WindowConfig(resolution=0.2), ForwardModelConfig(sigma=0.1), limits=CellBox(0, 0, 40, 30)
     )
-    scan = fan(*[2.1] * 120, bearing=0.0, increment=0.05, range_max_m=6.0)
+    scan = fan(*[2.1] * beams, bearing=0.0, increment=6.0 / beams, range_max_m=6.0)
     window.add([PlacedScan.at(scan, Pose2D(4.03, 3.02, 0.0))])
     counts = load_prior(default_prior_file(), 0.05).counts
     return PatchModel(window.index, 40, make_table('border', 9, counts), margin=3)
@@ -184,6 +185,21 @@ def test_starts_are_forgotten():
         distance = np.hypot((columns + 0.5) * 0.2 - 4.03, (rows + 0.5) * 0.2 - 3.02)
         assert np.abs(distance - 2.1).max() < 0.6
     assert max(walls) < 1.2 * min(walls)
+
+
+def test_lone_readings_are_not_taken_for_clutter_where_a_burn_in_begins_cold(monkeypatch):
+    model = blocked_room(beams=15)
+    starts = forgotten(model, [np.zeros(model.n_cells, np.uint8)] * 8, 1)
+    said = []
+    for few in (model.index.n_rays + 1, model.index.n_rays):
+        monkeypatch.setattr('ogm_mcmc.sampling.patch_gibbs.FEW_RAYS', few)
+        sampler = PosteriorSampler(model, starts, seed=3, burn_in=40)
+        sampler.advance(len(POWERS) + 1)
+        for state in sampler.states:  # of the model that it goes on with
+            assert np.array_equal(state.records[:, :2], model.start(state.cells).records[:, :2])
+        said.append(np.mean(sampler.log_likelihoods()))
+    cold, plain = said
+    assert cold > plain + 1.0
 
 
 def test_where_no_ray_arrives_cells_in_which_readings_ended_begin_solid():

@@ -64,7 +64,9 @@ class LoneCells:
     def arrival(self, probability, least):
         return np.ones_like(probability)
 
-    def advance(self, rng, state, *, settling=False, focus=None, chances=None):
+    begins_cold = False
+
+    def advance(self, rng, state, *, settling=False, focus=None, chances=None, power=1.0):
         drawn = np.full(self.n_cells, True)
         if focus is not None:
             drawn = focus | (rng.integers(0, DULL_TURNS, self.n_cells) == 0)
