@@ -7,8 +7,8 @@ children that this process ends by itself hear nothing of Ctrl-C (`starting_chil
 
 Two places cannot bear an exception. In a callback from C it is printed and lost. And Numba, when
 it takes a numpy Generator apart for a kernel, calls `ctypes.cast` and uses what comes back
-without a look: an exception in there is a crash of the process. In both the signal is sent to
-ourselves again, a little later.
+without a look: an exception in there is a crash of the process. In both, and where LLVM asks for
+the code of a kernel, the signal is sent to ourselves again, a little later.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import signal
 import sys
 import threading
 from collections.abc import Iterator
-from types import CodeType, FrameType
+from types import FrameType
 from typing import Any, Self
 
 __all__ = [
@@ -36,6 +36,10 @@ __all__ = [
 AGAIN_S = 0.05
 
 UNSAFE = ctypes.cast.__code__
+
+# By name, as llvmlite is not imported here. LLVM asks in them for the code of a kernel, or hands
+# it over, and goes on with whatever was written by then.
+CALLBACKS = ('_raw_object_cache_getbuffer', '_raw_object_cache_notify')
 
 _leaving = threading.Event()
 
@@ -68,7 +72,7 @@ def end_at_once_on_signals(code: int) -> None:
 
 
 def _leave(number: int, frame: FrameType | None) -> None:
-    if _inside(UNSAFE, frame):
+    if _unsafe(frame):
         _again(number)
         return
     _leaving.set()
@@ -78,9 +82,9 @@ def _leave(number: int, frame: FrameType | None) -> None:
         raise KeyboardInterrupt
 
 
-def _inside(code: CodeType, frame: FrameType | None) -> bool:
+def _unsafe(frame: FrameType | None) -> bool:
     while frame is not None:
-        if frame.f_code is code:
+        if frame.f_code is UNSAFE or frame.f_code.co_name in CALLBACKS:
             return True
         frame = frame.f_back
     return False
@@ -209,5 +213,5 @@ class NotedSignals:
 
     def _note(self, number: int, frame: FrameType | None) -> None:
         first, self.asked = not self.asked, True
-        if first and not self.patient and not _inside(UNSAFE, frame):
+        if first and not self.patient and not _unsafe(frame):
             raise KeyboardInterrupt
