@@ -128,7 +128,10 @@ def children(pid):
     for path in Path('/proc').glob('[0-9]*'):
         with contextlib.suppress(OSError):
             parent = int((path / 'stat').read_text().rpartition(')')[2].split()[1])
-            if parent == pid and b'resource_tracker' not in (path / 'cmdline').read_bytes():
+            started = (path / 'cmdline').read_bytes()
+            # Until it has its own program a child has its parent's line, the tracker, too.
+            begun = started != Path(f'/proc/{pid}/cmdline').read_bytes()
+            if parent == pid and begun and b'resource_tracker' not in started:
                 found.append(int(path.name))
     return found
 
@@ -153,9 +156,9 @@ def alive(pid):
 
 def until(condition, timeout_s):
     deadline = time.monotonic() + timeout_s
-    while not condition() and time.monotonic() < deadline:
+    while not (held := condition()) and time.monotonic() < deadline:
         time.sleep(0.02)
-    return condition()
+    return held
 
 
 @pytest.fixture
