@@ -144,17 +144,23 @@ def signals_later() -> Iterator[None]:
         yield
         return
     came: list[int] = []
-
-    def note(number: int, _frame: FrameType | None) -> None:
-        came.append(number)
-
-    handlers = {one: signal.getsignal(one) for one in (signal.SIGINT, signal.SIGTERM)}
+    waiting = True
+    handlers = {int(one): signal.getsignal(one) for one in (signal.SIGINT, signal.SIGTERM)}
     before = {one: handler for one, handler in handlers.items() if callable(handler)}
-    for number in before:
-        signal.signal(number, note)
+
+    def note(number: int, frame: FrameType | None) -> None:
+        # One that comes while handlers are put back may leave the other one where it is.
+        if waiting:
+            came.append(number)
+        else:
+            before[number](number, frame)
+
     try:
+        for number in before:
+            signal.signal(number, note)
         yield
     finally:
+        waiting = False
         for number, handler in before.items():
             signal.signal(number, handler)
         if came:

@@ -1,10 +1,13 @@
 """Signals that come at the worst moments: in `ctypes.cast`, where Numba cannot bear one."""
 
 import os
+import signal
 import subprocess
 import sys
 
 import pytest
+
+from ogm_mcmc.files.signals import signals_later
 
 # Takes a Generator apart without end, and is stopped from inside of `ctypes.cast` (by a trace
 # function, called at its first line as a signal handler would be).
@@ -95,3 +98,37 @@ def test_an_ignored_interrupt_stays_ignored():
     )
     done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, timeout=60)
     assert done.stdout == 'still here\n'
+
+
+class Stopped(BaseException):
+    """What a handler raises."""
+
+
+@pytest.mark.parametrize('when', [1, 2, 3, 4])
+def test_a_stop_beside_handlers_that_change_leaves_them_all_at_work(when, monkeypatch):
+    """They are four changes, two before and two after what signals wait for."""
+
+    def stop(number, frame):
+        raise Stopped
+
+    install, done = signal.signal, []
+
+    def change(number, handler):
+        install(number, handler)
+        done.append(number)
+        if len(done) == when:
+            signal.raise_signal(signal.SIGTERM if when == 1 else signal.SIGINT)
+
+    stops = (signal.SIGINT, signal.SIGTERM)
+    before = [install(number, stop) for number in stops]
+    try:
+        with monkeypatch.context() as patch, pytest.raises(Stopped):  # noqa: PT012
+            patch.setattr(signal, 'signal', change)
+            with signals_later():
+                pass
+        for number in stops:
+            with pytest.raises(Stopped):
+                signal.raise_signal(number)
+    finally:
+        for number, handler in zip(stops, before, strict=True):
+            install(number, handler)
