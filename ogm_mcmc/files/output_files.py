@@ -70,7 +70,7 @@ def replacing(path: Path) -> Iterator[Path]:
 def replacing_set(folder: Path, name: str, without: Sequence[str] = ()) -> Iterator[Path]:
     """Yield a folder for new files; they replace those of the same names in `folder`, as a set.
 
-    A folder in it, such as a bag, replaces one in the same way.
+    A folder in it, such as a bag, replaces a folder in the same way.
     name     of the map; its YAML (NAME.yaml, which names the image) comes last, if there is one
     without  names of files that are no part of the set any more
     Raises OutputError; a failure before the first file is in its place leaves all as it was.
@@ -84,6 +84,7 @@ def replacing_set(folder: Path, name: str, without: Sequence[str] = ()) -> Itera
         made = sorted(path.name for path in scratch.iterdir())
         for one in made:
             if (scratch / one).is_dir():
+                _refuse_file(folder / one)
                 write_all_through(scratch / one)
             else:
                 refuse_folder(folder / one)
@@ -207,6 +208,12 @@ def refuse_folder(path: Path) -> None:
     """Check that a path is free for a file; raises OutputError for a folder."""
     if path.is_dir():
         raise OutputError(f'{path}: is a folder; expected a name for a file')
+
+
+def _refuse_file(path: Path) -> None:
+    """Check that a path is free for a folder; raises OutputError for a file."""
+    if path.exists() and not path.is_dir():
+        raise OutputError(f'{path}: is a file; expected a name for a folder')
 
 
 def writable_folder(path: Path) -> Path:

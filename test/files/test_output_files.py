@@ -323,6 +323,18 @@ def test_a_folder_of_a_set_takes_the_place_of_one(tmp_path):
         assert (tmp_path / 'bag_poses.csv').read_text() == text
 
 
+def test_a_folder_of_a_set_takes_no_place_of_a_file(tmp_path):
+    (tmp_path / 'bag').write_text('mine')
+    with (  # noqa: PT012
+        pytest.raises(OutputError, match=f'^{tmp_path}/bag: is a file; expected a name for a'),
+        replacing_set(tmp_path, 'map') as scratch,
+    ):
+        (scratch / 'a.csv').write_text('new')
+        (scratch / 'bag').mkdir()
+    assert [path.name for path in tmp_path.iterdir()] == ['bag']
+    assert (tmp_path / 'bag').read_text() == 'mine'
+
+
 def test_a_disk_that_gets_full_leaves_all_as_it_was(tmp_path, monkeypatch):
     """The second copy of the image was made when others had been replaced."""
     save_map(OLD, tmp_path, OUTPUT)
