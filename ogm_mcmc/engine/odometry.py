@@ -112,10 +112,11 @@ class OdometryTrack:
 def odometry_among(poses: PoseChoice, base_frame: str, tree: TransformTree) -> RankedPoses | None:
     """Return the odometry of a recording that is not in use as poses already; None: there is none.
 
-    Of several what covers most scans; of a frame that sits elsewhere on the robot than the base,
-    as far as tf knows, none.
+    Nor is there any beside poses in a frame of odometry, whatever messages they are: it would
+    count twice. Of several what covers most scans; of a frame that sits elsewhere on the robot
+    than the base, as far as tf knows, none.
     """
-    if poses.chosen is not None and _is_odometry(poses.chosen):
+    if poses.chosen is not None and is_called_odom(poses.chosen.candidate.frame):
         return None
     found = [
         one

@@ -46,6 +46,7 @@ ODOM = ranked('/odom', 'odom', 0.9)
         (POSE, [ranked('/odom', 'odom', 0.4)], None),
         (POSE, [ranked('/truth', 'map', 1.0), ranked('/goal', 'odom', 1.0, ros_types.POSE)], None),
         (ODOM, [ranked(TF, 'odom', 1.0, TF)], None),
+        (ranked('/filter', 'odom', 1.0, ros_types.POSE), [ODOM], None),
         (POSE, [], None),
     ],
 )
