@@ -60,8 +60,8 @@ def choose_joint(
     (medians), or poses are those of odometry (`drifting`), which says how it errs from step to
     step if anything, and scans have enough readings to know better (median of `ENOUGH_READINGS`).
     What was chosen `before` stays until beliefs speak against it by a factor `CLEARLY`; joint
-    poses stay until readings are too few by as much. Where no belief says anything, poses are
-    fixed, whatever they were before.
+    poses stay until readings are too few by as much. Where no belief says anything, poses that
+    do not drift are fixed, whatever they were before.
     """
     if config.poses != 'auto':
         return PosesChoice(config.joint)
@@ -76,7 +76,8 @@ def choose_joint(
         if place_m <= factor * 0.5 * resolution_m and turn_rad <= factor * UNSURE_RAD:
             return PosesChoice(False, f'poses fixed: the localizer is only {unsure}')
         said = f'the localizer is {unsure}'
-    readings = int(np.median([np.count_nonzero(one.scan.measured()) for one in scans]))
+    counts = [np.count_nonzero(one.scan.measured()) for one in scans]
+    readings = int(np.median(counts)) if counts else 0
     if readings < (ENOUGH_READINGS / CLEARLY if before else ENOUGH_READINGS):
         return PosesChoice(False, f'poses fixed: {readings} readings a scan are too few')
     return PosesChoice(True, f'poses joint: {said}, {readings} readings a scan')

@@ -55,6 +55,8 @@ def test_poses_of_odometry_are_estimated_whatever_they_say(covariance):
     few = choose_joint(placed(covariance, beams=19), PosesConfig('auto'), CELL, drifting=True)
     assert few == (False, 'poses fixed: 19 readings a scan are too few')
     assert not choose_joint(placed(None), PosesConfig('fixed'), CELL, drifting=True).joint
+    none = choose_joint([], PosesConfig('auto'), CELL, drifting=True)
+    assert none == (False, 'poses fixed: 0 readings a scan are too few')
 
 
 def test_particles_say_how_sure_they_are():
