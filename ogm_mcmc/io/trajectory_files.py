@@ -107,7 +107,8 @@ def read_trajectory(path: Path, stamps: Path | None = None) -> Trajectory:
         raise PoseError(f'{path}: {kind} has its own stamps: expected no file beside it')
     if kind == 'CSV':
         del lines[0]
-    posed = [found for line in lines if (found := _read_line(path, line, _within(read)))]
+    read = _within(read)
+    posed = [found for line in lines if (found := _read_line(path, line, read))]
     if stamps is not None:
         posed = (_by_id if kind == 'g2o' else _by_place)(path, posed, stamps)
     if not posed:
