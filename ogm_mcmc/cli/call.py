@@ -25,7 +25,10 @@ def add_to(subparsers: Subparsers) -> None:
         'value', nargs='?', choices=tuple(DATA), help='of a SetBool, such as online_mapper/pause'
     )
     parser.add_argument(
-        '--timeout', type=float, default=10.0, help='time to wait, s; default %(default)g'
+        '--timeout',
+        type=float,
+        default=10.0,
+        help='time to wait for the service, and again for its answer, s; default %(default)g',
     )
     add_json(parser)
     parser.set_defaults(run=run)

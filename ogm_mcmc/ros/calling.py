@@ -36,13 +36,15 @@ class _Caller:
         self._executor = executor
 
     def seen(self) -> dict[str, str]:
-        """Return the services that can be called, with the name of their type."""
+        """Return the services there are, with the name of their type: one of `TYPES`, if any."""
         return {
-            name: kind
+            name: next((kind for kind in kinds if kind in TYPES), kinds[0])
             for name, kinds in self.node.get_service_names_and_types()
-            for kind in kinds
-            if kind in TYPES
         }
+
+    def offered(self) -> dict[str, str]:
+        """Return the services that can be called, in order, with the name of their type."""
+        return {name: kind for name, kind in sorted(self.seen().items()) if kind in TYPES}
 
     def spin_while(self, condition: Callable[[], bool], timeout_s: float) -> bool:
         """Handle messages while a condition holds; return False when the time ran out first."""
@@ -75,17 +77,17 @@ def callable_services(timeout_s: float) -> dict[str, str]:
     Waits until there is one, up to `timeout_s`, and `SETTLED_S` more for others.
     """
     with _caller() as caller:
-        if caller.spin_while(lambda: not caller.seen(), timeout_s):
+        if caller.spin_while(lambda: not caller.offered(), timeout_s):
             caller.spin_while(lambda: True, min(SETTLED_S, timeout_s))
-        return dict(sorted(caller.seen().items()))
+        return caller.offered()
 
 
 def call_service(name: str, data: bool | None, timeout_s: float) -> str:
-    """Call a Trigger, or with `data` a SetBool service; return what it answers.
+    """Call a Trigger, or with `data` a SetBool service, once; return what it answers.
 
     `name` is that of the service with its node's, such as refine_server/refine. Raises ConfigError
-    for a name that none can have, and OgmError when there is no such service within `timeout_s`,
-    when it is of another type, or does not answer, and for an answer without success.
+    for a name that none can have and a service of another type, and OgmError when there is no such
+    service within `timeout_s` or no answer within as much again, and for one without success.
     """
     full = '/' + name.lstrip('/')
     try:
@@ -97,20 +99,26 @@ def call_service(name: str, data: bool | None, timeout_s: float) -> str:
     kind = 'std_srvs/srv/Trigger' if data is None else 'std_srvs/srv/SetBool'
     with _caller() as caller:
         if not caller.spin_while(lambda: full not in caller.seen(), timeout_s):
-            there = listed(sorted(caller.seen())) or 'none at all'
+            there = listed(list(caller.offered())) or 'none at all'
             raise OgmError(
                 f'no service {full} within {timeout_s:g} s; that can be called: {there}'
             )
-        if caller.seen()[full] != kind:
+        found = caller.seen().get(full, kind)  # it may be gone by now: then nobody answers
+        if found not in TYPES:
+            raise ConfigError(f'{full} is a {found}: expected {" or ".join(TYPES)}')
+        if found != kind:
             wanted = 'no value' if data is not None else 'a value, true or false'
-            raise ConfigError(f'{full} is a {caller.seen()[full]}: expected {wanted}')
+            raise ConfigError(f'{full} is a {found}: expected {wanted}')
         client = caller.node.create_client(TYPES[kind], full)
         request = TYPES[kind].Request()
         if data is not None:
             request.data = data
-        response: Any = ask(client, request, caller.spin_while, timeout_s)
+        # Whoever owns the service may not mean to do it twice.
+        response: Any = ask(client, request, caller.spin_while, timeout_s, once=True)
     if response is None:
-        raise OgmError(f'{full}: expected an answer within {timeout_s:g} s')
+        raise OgmError(
+            f'{full}: expected an answer within {timeout_s:g} s; it may be at work all the same'
+        )
     if not response.success:
         raise OgmError(f'{full}: {response.message}')
     return str(response.message)
