@@ -47,10 +47,11 @@ class BeamsFound(NamedTuple):
     def renewed(
         self, scans: Sequence[PlacedScan], came: int, config: SamplerConfig, *, grows: bool
     ) -> BeamsFound:
-        """Return what scans, of which so many `came` in, tell of the sensor, where they are asked.
+        """Return what scans, of which so many `came` in, tell of the sensor.
 
-        They are where their window is indexed anew, not one that `grows`, or where as many came as
-        had told: twice as many tell better. In one that grows numbers stay that are nearly so.
+        They are asked where their window is indexed anew, so does not just grow (`grows`), or once
+        as many came in as had told: twice as many tell better. Where it grows, numbers stay that
+        are nearly the same, so that its rays need not be entered anew.
         """
         came += self.came
         if grows and (self.sensor is None or came < self.told):

@@ -33,13 +33,10 @@ class Beside(NamedTuple):
         """Return the mean of so many draws with the live map as one more of them.
 
         Cells that draws are sure of have some of their neighbours (`chain.neighbours`) as far as
-        readings may be of these (`blur`, see `blur_of`). What cells reflected has its weight
-        (`chain.reflecting`), and is the least that is believed, both as far as readings are of
-        the cells that they end in and walls fill their cells in part (`in_part`, see
-        `filled_in_part`). Few draws are completed
-        best: Intel, every second beam mapped, nats a held-out beam, draws alone and completed:
-        .915, 1.258 after one sweep, .973, 1.281 after four, 1.000, 1.286 after seven; the live map
-        .912.
+        readings may be of these (`blur`, 0 to 1, see `blur_of`). What cells reflected has its
+        weight (`chain.reflecting`), and is the least that is believed, both as far as readings are
+        of the cells that they end in and walls fill their cells in part (`in_part`, 0 to 1, see
+        `filled_in_part`). Figures of each are where it is done (`ogm_mcmc.sampling.estimates`).
         """
         found = with_neighbours(drawn, blur * chain.neighbours)
         found = with_one_more_draw(found, self.live, draws)

@@ -139,8 +139,9 @@ def with_one_more_draw(mean: GridMap, guess: GridMap, draws: int) -> GridMap:
 def with_neighbours(mean: GridMap, share: float) -> GridMap:
     """Return a map in which cells that it is sure of have a share of each cell beside them.
 
-    p + share (1 - 2 p)^2 sum of (q - p) over its four neighbours q, but for those that are nan;
-    cells in doubt stay as they are. share  0 to 0.25
+    p + share (1 - 2 p)^2 sum of (q - p) over its four neighbours q, but for those that are nan or
+    off the map. Cells in doubt stay as they are, unknown ones unknown.
+    share  of each neighbour, 0 to 0.25; more could leave 0 to 1
 
     Design note. Where cells begin is arbitrary. Chains whose lattice lies a fraction of a cell
     away have the rim of a wall in the next cell, and are as sure of it. Maps that are the mean of
