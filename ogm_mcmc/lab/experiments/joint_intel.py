@@ -37,6 +37,7 @@ from ogm_mcmc.evaluation.trajectories import Relations, relation_errors, relatio
 from ogm_mcmc.geometry import GridMap, PlacedScan, PoseBelief, Scan
 from ogm_mcmc.io.carmen import read_carmen
 from ogm_mcmc.io.relation_files import read_relations
+from ogm_mcmc.lab.experiments.leaderboard import UNKNOWN
 from ogm_mcmc.lab.experiments.recordings import as_scan, data_folder
 from ogm_mcmc.lab.experiments.results import row
 from ogm_mcmc.trajectory import TrajectoryRefinement
@@ -50,8 +51,6 @@ STAMPS, ROUGH = 'intel_raw_odometry_910.csv', 'occupancy_slam_start.txt'
 FILES = (LOG, RELATIONS, STAMPS, ROUGH)
 EXPECTED = 'OGM_MCMC_DATA to name a folder with intel/ (log, relations, stamps and rough start)'
 JUDGE = ForwardModelConfig(sigma=0.05)
-# Of a cell that a map does not know, whoever made the map: as on the leaderboard.
-UNKNOWN = 0.15
 # Stamps are of a millionth of a second.
 SAME_STAMP_S = 1e-5
 ONE_DEGREE = math.radians(1.0)

@@ -65,7 +65,7 @@ from ogm_mcmc.lab.experiments.pose_sim import (
 from ogm_mcmc.lab.experiments.results import row
 from ogm_mcmc.lab.experiments.scoring import against_cells
 
-__all__ = ['BASE', 'PERCENTS', 'judging_scans', 'run', 'score', 'thinned']
+__all__ = ['BASE', 'PERCENTS', 'UNKNOWN', 'judging_scans', 'run', 'score', 'thinned']
 
 PERCENTS = {100: 1, 25: 4, 5: 20}
 BUILDINGS = 10
@@ -73,7 +73,7 @@ BUILDINGS = 10
 # What others are compared with, beam by beam.
 BASE = 'two_assumption'
 
-# Of a cell that a map does not know ([gibbs] section IV).
+# Of a cell that a map does not know, whoever made the map ([gibbs] section IV).
 UNKNOWN = 0.15
 JUDGE = ForwardModelConfig(sigma=0.05)
 POINT_STEP_M = 0.5
