@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ogm_mcmc.config import StopConfig
+from ogm_mcmc.config import StopConfig, WindowConfig
 from ogm_mcmc.engine.no_returns import NoReturnChoice
 from ogm_mcmc.engine.progress import Progress, nothing_said
 from ogm_mcmc.engine.refined_map import WorkerStatus
@@ -57,14 +57,14 @@ def nothing_refined(status: WorkerStatus) -> str:
     return 'nothing was refined yet: call ~/refine first'
 
 
-def size_refusal(scans: int, rays: int, n_bytes: int, max_memory_mb: float) -> str:
+def size_refusal(scans: int, rays: int, n_bytes: int, window: WindowConfig) -> str:
     """Return why an order is refused that says nothing or is too large; empty if it is neither."""
     if rays == 0:
-        return nothing_said(scans)
-    if n_bytes > 1e6 * max_memory_mb:
+        return nothing_said(scans, window.max_range)
+    if n_bytes > 1e6 * window.max_memory_mb:
         return (
             f'{rays} rays may need {n_bytes / 1e6:.1f} MB: expected at most '
-            f'window.max_memory_mb = {max_memory_mb:g}'
+            f'window.max_memory_mb = {window.max_memory_mb:g}'
         )
     return ''
 

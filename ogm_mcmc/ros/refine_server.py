@@ -269,7 +269,7 @@ class RefineServer(ManagedNode):
         if scans == 0:
             return nothing_recorded(len(self.intake.placer), self.intake.problems.all().total())
         size = self.recording.size
-        return size_refusal(scans, size.rays, size.n_bytes, self.sampler.window.max_memory_mb)
+        return size_refusal(scans, size.rays, size.n_bytes, self.sampler.window)
 
     def _sample(self) -> str:
         """Order the recorded scans to be sampled; return what is said of it."""

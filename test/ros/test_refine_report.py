@@ -4,7 +4,7 @@ import pytest
 
 pytest.importorskip('rclpy', reason='rclpy is not installed: no ROS tests')
 
-from ogm_mcmc.config import StopConfig
+from ogm_mcmc.config import StopConfig, WindowConfig
 from ogm_mcmc.engine.grazing import Grazing
 from ogm_mcmc.engine.progress import Progress
 from ogm_mcmc.engine.range_spread import Spread
@@ -126,10 +126,11 @@ def test_what_was_found_out_about_the_sensor():
 @pytest.mark.parametrize(
     ('rays', 'n_bytes', 'expected'),
     [
-        (0, 0, 'no beam of 3 scans says anything: nothing to sample'),
+        (0, 0, 'no beam of 3 scans says anything within max_range = 4 m: nothing to sample'),
         (9, 3_000_000, '9 rays may need 3.0 MB: expected at most window.max_memory_mb = 2'),
         (9, 2_000_000, ''),
     ],
 )
 def test_orders_that_say_nothing_or_are_too_large_are_refused(rays, n_bytes, expected):
-    assert size_refusal(3, rays, n_bytes, 2.0) == expected
+    window = WindowConfig(max_memory_mb=2.0, max_range=4.0)
+    assert size_refusal(3, rays, n_bytes, window) == expected
