@@ -9,8 +9,9 @@ values      `probability` (0 to 1, the default), `percent` (0 to 100) or `log_od
 first_row   `bottom` (row 0 has the lowest y, the default) or `top`, as in images
 variable    the name of the array, for a MAT file that holds several
 
-Other keys do not matter, so the YAML of a map image serves; one that is nearly a key of these is
-refused, as a slip would turn a map over. MAT files are read by scipy, where it is installed.
+Other keys do not matter, so the YAML of a map image serves; one that is nearly one of the last
+three is refused, as a slip would turn a map over. MAT files are read by scipy, where it is
+installed.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ ARRAY_SUFFIXES = ('.npy', '.mat')
 ROUNDING = 1e-6
 VALUES = ('probability', 'percent', 'log_odds')
 FIRST_ROWS = ('bottom', 'top')
-KEYS = ('resolution', 'origin', 'values', 'first_row', 'variable')
+MAY_BE_LEFT_OUT = ('values', 'first_row', 'variable')
 
 
 def load_array_map(path: Path, most_cells: int = MOST_CELLS) -> GridMap:
@@ -75,8 +76,8 @@ def _yaml_of(path: Path) -> Path:
 
 def _refuse_slips(fields: dict[str, Any]) -> None:
     for key in fields:
-        near = get_close_matches(str(key).lower(), KEYS, 1, 0.8)
-        if near and key not in KEYS:
+        near = get_close_matches(str(key).lower(), MAY_BE_LEFT_OUT, 1, 0.8)
+        if near and key not in MAY_BE_LEFT_OUT:
             raise ValueError(f'{key!r:.80} is no key: expected {near[0]}')
 
 

@@ -71,6 +71,11 @@ def test_suffixes_in_capitals(tmp_path, suffix):
     assert load_grid(path).probability.shape == (2, 3)
 
 
+def test_other_keys_do_not_matter(tmp_path):
+    others = 'original: plan.png\norigin_x: 3.0\nmode: trinary\nnegate: 0'
+    assert load_grid(written(tmp_path, CELLS, others)).probability.shape == (2, 3)
+
+
 def test_mat(tmp_path):
     read = load_grid(written(tmp_path, {'map': CELLS, 'cell': 0.5}, suffix='.mat')).probability
     assert np.array_equal(read, CELLS, equal_nan=True)
