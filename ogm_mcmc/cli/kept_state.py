@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ogm_mcmc.engine.refinement import Refinement
 from ogm_mcmc.errors import OutputError
-from ogm_mcmc.files.output_files import makeable_folder, refuse_folder, writable_folder
+from ogm_mcmc.files.output_files import folder_to_fill, makeable_folder, refuse_folder
 from ogm_mcmc.files.saying import say
 
 __all__ = ['KeptState']
@@ -58,8 +58,8 @@ class KeptState:
             return None
         self._last = self._clock()
         try:
-            writable_folder(self.path.parent)
-            self.refinement.save(self.path)
+            with folder_to_fill(self.path.parent):
+                self.refinement.save(self.path)
         except OutputError as error:
             say(f'warning: the state is not saved: {error}')
             return error

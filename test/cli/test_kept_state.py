@@ -62,3 +62,10 @@ def test_what_was_sampled_is_kept_when_machines_are_lost(kept, capsys):
     state.rescue()
     assert chains.saved == 1
     assert str(state.path) in capsys.readouterr().err
+
+
+def test_a_folder_for_a_state_that_cannot_be_written_goes_again(kept):
+    state, chains, _ = kept
+    chains.full_disk = True
+    assert state.attempt() is not None
+    assert not state.path.parent.exists()
