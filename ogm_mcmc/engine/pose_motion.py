@@ -8,6 +8,7 @@ elsewhere. A localizer and the odometry agree on how far the robot went, though 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -99,7 +100,9 @@ def _places(
     known: dict[int, tuple[float, float]] = {}
     for record in bag.records((source.name,)):
         try:
-            known.update([_place(bag.decode(record))])
+            message: Any = bag.decode(record)
+            stamp_ns = record.time_ns if source.unstamped else messages.stamp_of(message)
+            known[stamp_ns] = _place(message)
         except (PoseError, BagError):
             continue
     if not known:
@@ -112,12 +115,12 @@ def _places(
     return np.stack(columns, axis=1)
 
 
-def _place(message: object) -> tuple[int, tuple[float, float]]:
+def _place(message: Any) -> tuple[float, float]:
     if hasattr(message, 'poses') or hasattr(message, 'particles'):
         mean = messages.read_particles(message).mean
     else:
         mean = messages.read_pose(message, with_covariance=False).mean
-    return messages.stamp_of(message), (mean.x_m, mean.y_m)
+    return mean.x_m, mean.y_m
 
 
 def _place_in_tree(

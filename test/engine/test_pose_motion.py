@@ -43,10 +43,10 @@ def test_who_goes_as_far_as_the_odometry(places, odometry, alike):
 def choose(write_bag, make_scan):
     """Write scans and odometry along x with other records and choose: topics."""
 
-    def run(records, *, tf=False, **choice):
+    def run(records, *, tf=False, still=False, **choice):
         held = [('/scan', stamp, make_scan(stamp)) for stamp in STAMPS]
         for k, stamp in enumerate(STAMPS):
-            message = ros_types.odometry(stamp, Pose2D(0.2 * k), 1.0, 0.0)
+            message = ros_types.odometry(0 if still else stamp, Pose2D(0.2 * k), 1.0, 0.0)
             moved = transform(stamp, 'odom', 'base_link', 0.2 * k, 0.0, 0.0)
             held.append(('/tf', stamp, moved) if tf else ('/odom', stamp, message))
         with BagReader(write_bag(held + records)) as bag:
@@ -55,9 +55,10 @@ def choose(write_bag, make_scan):
     return run
 
 
-def points(topic, x, frame='map'):
+def points(topic, x, frame='map', still=False):
     return [
-        (topic, t, ros_types.pose_stamped(t, frame, Pose2D(x(k)))) for k, t in enumerate(STAMPS)
+        (topic, t, ros_types.pose_stamped(0 if still else t, frame, Pose2D(x(k))))
+        for k, t in enumerate(STAMPS)
     ]
 
 
@@ -70,6 +71,16 @@ def test_a_ball_that_lies_still_is_not_the_robot(choose, tf):
     assert 'also there: /ball 100 %' in topics.remarks[0]
     # Who names it has it.
     assert choose(points('/ball', lambda k: 5.0), tf=tf, pose_topic='/ball').pose_name == '/ball'
+
+
+@pytest.mark.parametrize(('ball', 'odometry'), [(True, False), (False, True), (True, True)])
+def test_a_ball_is_told_where_clocks_stand_still(choose, ball, odometry):
+    """By the times of recording, as poses are taken then."""
+    topics = choose(points('/ball', lambda k: 5.0, still=ball), still=odometry)
+    assert topics.pose_name == '/odom'
+    assert '/ball does not move as /odom does: not taken for the robot' in topics.remarks
+    found = choose(points('/tracked', lambda k: 7.0 + 0.2 * k, still=ball), still=odometry)
+    assert found.pose_name == '/tracked'
 
 
 def test_a_localizer_comes_before_odometry(choose):
