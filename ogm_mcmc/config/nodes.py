@@ -152,14 +152,14 @@ class OnlineMapperConfig:
     )
     keep_scans: bool = setting(
         False,
-        'keep every scan, so that a corrected trajectory (topic trajectory) can place '
-        'it anew; the map is then made anew in the background',
+        'keep every scan, so that a corrected trajectory (topic trajectory) can move '
+        'it; the map is then made again in the background',
     )
     keep_scans_mb: float = setting(
         500.0,
         'memory for the scans of keep_scans and their poses, MB. When it is full, scans '
-        'whose place and heading others cover are removed; a map made anew lacks them. '
-        'Copies held while a map is made anew are not counted',
+        'whose place and heading others cover are removed; a map made again lacks them. '
+        'Copies held while a map is made again are not counted',
         low=1.0,
         high=1e6,
     )
@@ -218,17 +218,17 @@ class NodeModelConfig(ForwardModelConfig):
 
     sigma: float = setting(
         0.0,
-        'standard deviation of a range, m, the error of the poses included; 0: found in the '
-        'scans that are sampled (`evaluate`, whose beams judge: 0.05)',
+        'standard deviation of a range, m, including the error of the poses; 0: found in the '
+        'scans that are sampled (in `evaluate`: 0.05)',
         low=0.0,
         high=10.0,
     )
 
     grazing: float = setting(
         -1.0,
-        'standard deviation of where surfaces lie, across themselves, m: a reading errs by this '
-        'over the tangent of the angle that the beam makes with what it met more; 0: not at all; '
-        '-1: found in the scans that are sampled',
+        'roughness of surfaces, m: standard deviation across the surface. This over the '
+        'tangent of the angle between beam and surface adds to sigma (in quadrature); 0: not '
+        'used; -1: found in the scans that are sampled',
         low=-1.0,
         high=10.0,
     )
@@ -362,8 +362,8 @@ class ReplayConfig:
     trajectory_deviations: bool = setting(
         False,
         'publish poses of NAME.txt with the standard deviations in NAME_deviations.csv beside it, '
-        'for nodes that average over them (method pose_uncertain, adaptive); not for poses: joint '
-        'or auto where the file came of the same scans, which would then count twice',
+        'for nodes that average over them (method pose_uncertain, adaptive). Not for poses: joint '
+        'or auto if the file was made from the same scans: they would count twice',
     )
     map_frame: str = setting('', 'poses are computed in this frame of tf; empty: map')
     base_frame: str = setting(

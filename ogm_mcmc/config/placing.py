@@ -87,8 +87,8 @@ class PlacingConfig:
     )
     no_return_code: float = setting(
         0.0,
-        'readings of a laser from here on hit nothing, whatever its range_max, m; 0: a value that '
-        'stands for it is found from the scans; the value of range_max: none stands for it',
+        'laser readings of this value or more mean no return, whatever range_max is, m; 0: such a '
+        'code is found from the scans; the value of range_max: there is no such code',
         low=0.0,
         high=10000.0,
         live=True,

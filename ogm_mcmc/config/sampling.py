@@ -38,8 +38,8 @@ class ForwardModelConfig:
     )
     grazing: float = setting(
         0.0,
-        'standard deviation of where surfaces lie, across themselves, m: a reading errs by this '
-        'over the tangent of the angle that the beam makes with what it met more; 0: not at all',
+        'roughness of surfaces, m: standard deviation across the surface. This over the '
+        'tangent of the angle between beam and surface adds to sigma (in quadrature); 0: not used',
         low=0.0,
         high=10.0,
     )
@@ -101,8 +101,8 @@ class WindowConfig:
     )
     beam_stride: int = setting(
         1,
-        'use every n-th beam of a scan; what the sensor is like (chain.sensor, no_return) all '
-        'beams tell',
+        'use every n-th beam of a scan; properties of the sensor (chain.sensor, no_return) are '
+        'estimated from all beams',
         low=1,
         high=10000,
     )
@@ -140,8 +140,8 @@ class ChainConfig:
     chains: int = setting(
         2,
         f'number of chains, one thread each; 0: by the rays, {CHAINS_SAID} ({ENOUGH_CHAINS} of '
-        'independent cells): where beams are few more chains give a better map between them, and '
-        'one more alike from run to run. Chains that go on with other scans never become more',
+        'independent cells). With few beams, more chains give a better map that differs less from '
+        'run to run. When chains go on with other scans their number never grows',
         low=0,
         high=64,
     )
@@ -172,27 +172,27 @@ class ChainConfig:
     )
     reflecting: float = setting(
         0.0,
-        'weight, in the probability of a cell, of the share of beams that it reflected of those '
-        'that reached it; the maps that were drawn have the rest: cells are taken for free or '
-        'solid, and edges, glass and legs are neither. A cell in which a beam ended is lowered '
-        'only where sigma is above half a cell, with all of the weight from 0.7 of one on. Where '
-        'beams that graze tell that walls are whole cells (model.grazing, found) it weighs '
-        'only as far as the maps that were drawn differ',
+        'weight of the share of beams that a cell reflected, of those that reached it, in its '
+        'probability; the maps that were drawn have the rest. They take cells as free or solid, '
+        'but edges, glass and legs are neither. A cell in which a beam ended is lowered only '
+        'where sigma is above half a cell, with the full weight from 0.7 of a cell on. Where '
+        'grazing beams show that walls are whole cells (model.grazing, found), the share counts '
+        'only where the maps that were drawn differ',
         low=0.0,
         high=0.5,
     )
     neighbours: float = setting(
         0.0,
-        'weight, in the probability of a cell that all maps which were drawn agree about, of each '
-        'of the four cells beside it: in full where sigma is 0.7 of a cell or more, none up to '
-        'half a cell. Where cells begin is arbitrary, and readings may be of the next one',
+        'weight of each of the four neighbours in the probability of a cell about which all maps '
+        'that were drawn agree: in full where sigma is 0.7 of a cell or more, none up to half a '
+        'cell. The borders of cells are arbitrary, and a reading may belong to the next cell',
         low=0.0,
         high=0.25,
     )
     burn_in: int = setting(
         50,
-        'largest number of sweeps of each chain that are not counted; of 40 or more the second '
-        'half is left out, by eighths, where the chains agree; 16 at most for chains that go on '
+        'largest number of sweeps of each chain that are not counted. Of 40 or more, the second '
+        'half is shortened, by eighths, where the chains agree. At most 16 for chains that go on '
         'with up to a tenth of new scans, also after a correction of the others',
         low=0,
         high=10**9,
@@ -303,8 +303,8 @@ class PatchConfig:
     )
     margin: int = setting(
         5,
-        'only cells within this many cells of the data are sampled; those further away stay '
-        'occupied, as unknown cells of the training maps are',
+        'only cells within this many cells of the data are sampled; cells further away stay '
+        'occupied, like the unknown cells of the training maps',
         low=1,
         high=10_000,
     )

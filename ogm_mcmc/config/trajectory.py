@@ -28,7 +28,7 @@ class TrajectoryConfig:
     )
     search: bool = setting(
         False,
-        'match scans one by one first: for poses that are off by more than 0.3 m or 3 '
+        'match scans one by one first: for poses with errors of more than 0.3 m or 3 '
         'degrees from one scan to the next',
     )
     max_range: float = setting(
@@ -49,22 +49,22 @@ class TrajectoryConfig:
     )
     correlation: float = setting(
         -1.0,
-        'how alike errors of the localizer are from one scan to the next, 0 (each by itself) to '
-        '0.9999; below 0: estimated from the poses. Where they are alike, many scans know no '
-        'better than few where the map lies as a whole',
+        'correlation of the errors of the localizer from one scan to the next, 0 (independent) to '
+        '0.9999; below 0: estimated from the poses. If errors are correlated, many scans say no '
+        'more than a few about where the map lies as a whole',
         low=-1.0,
         high=0.9999,
     )
     odometry: bool = setting(
         True,
-        'use odometry for how the robot went from scan to scan, where there is any beside the '
-        'poses: nav_msgs/Odometry, or a frame odom in tf',
+        'use odometry for the motion from scan to scan, where there is any beside the poses: '
+        'nav_msgs/Odometry, or a frame odom in tf',
     )
     beam_times: bool = setting(
         True,
-        'estimate when the beams of a scan were taken, from what they saw while the sensor moved: '
-        'even and odd ones in two turns of a mirror, one after the other in a sweep; scans are '
-        'bent by that',
+        'estimate when the beams of a scan were taken, from what they saw while the sensor moved '
+        '(even and odd beams in two turns of a mirror; one beam after the other in a sweep), and '
+        'correct scans for it',
     )
     draws: int = setting(
         40, 'trajectories drawn for the standard deviations of poses', low=2, high=10000
