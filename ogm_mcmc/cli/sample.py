@@ -44,7 +44,8 @@ from ogm_mcmc.config import (
 )
 from ogm_mcmc.config.nodes import REFINE_CONFIGS, RefineSamplerConfig
 from ogm_mcmc.engine.joint_poses import PoseRefinement, choose_joint
-from ogm_mcmc.engine.odometry import is_called_odom, said_odometry
+from ogm_mcmc.engine.odometry import said_odometry
+from ogm_mcmc.engine.pose_choice import is_called_odom
 from ogm_mcmc.engine.recording import Recording
 from ogm_mcmc.engine.refinement import Refinement
 from ogm_mcmc.engine.tiled_refinement import TiledRefinement

@@ -91,8 +91,8 @@ POSES_TEXT = (
     'fixed: scans lie where the localizer puts them; joint: their poses are estimated from '
     'the scans themselves and what the localizer says, then the map is sampled at them; auto: '
     'joint where the localizer says that it is unsure by more than half a cell or half a '
-    'degree, or poses are those of odometry (a frame called odom), and scans have 20 readings or '
-    'more, else fixed'
+    'degree, or poses are those of odometry (a frame with odom in its name), and scans have 20 '
+    'readings or more, else fixed'
 )
 POSES = ('fixed', 'joint', 'auto')
 

@@ -1,8 +1,8 @@
 """What odometry says of how the robot went between scans, beside what a localizer believed.
 
-Which: of all that a recording holds besides the poses in use, poses in a frame called odom: those
-of tf, or of nav_msgs/Odometry. Wheels slip: `Moves.of_wheels` has heavy tails, and how well its
-moves fit is estimated with the poses.
+Which: of all that a recording holds besides the poses in use, poses in a frame with odom in its
+name: those of tf, or of nav_msgs/Odometry. Wheels slip: `Moves.of_wheels` has heavy tails, and how
+well its moves fit is estimated with the poses.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 
 from ogm_mcmc.arrays import AnyArray, Float64Array
 from ogm_mcmc.engine.placing import PoseSource
-from ogm_mcmc.engine.pose_choice import TF, PoseChoice, RankedPoses
+from ogm_mcmc.engine.pose_choice import TF, PoseChoice, RankedPoses, is_called_odom
 from ogm_mcmc.engine.pose_history import RESTART_NS, PoseHistory, Unplaceable, Waiting
 from ogm_mcmc.engine.transform_tree import TransformTree
 from ogm_mcmc.errors import PoseError
@@ -25,7 +25,6 @@ from ogm_mcmc.trajectory import Moves
 __all__ = [
     'OdometryAt',
     'OdometryTrack',
-    'is_called_odom',
     'is_of_base',
     'odometry_among',
     'odometry_frame',
@@ -137,11 +136,6 @@ def _is_odometry(one: RankedPoses) -> bool:
 def is_of_base(child_frame: str, base_frame: str, tree: TransformTree) -> bool:
     """Return whether odometry is that of the base, as far as tf knows."""
     return child_frame in ('', base_frame) or not tree.frames()
-
-
-def is_called_odom(frame: str) -> bool:
-    """Return whether a frame has the name of odometry, with any prefix before a slash."""
-    return frame.rsplit('/')[-1].lower().startswith('odom')
 
 
 def odometry_frame(tree: TransformTree, base_frame: str) -> str:

@@ -4,7 +4,7 @@ Coverage decides: the share of scans whose stamp lies between two entries that a
 apart. /initialpose, goals and waypoints say something now and then, so they cover next to nothing.
 Among sources that cover about as many scans (nine tenths of the best) the order is:
 
-1. poses in the map before odometry, which drifts: any frame that is not called `odom...`;
+1. poses in the map before odometry, which drifts (`is_called_odom`);
 2. poses that come at least twice a second before rarer ones, between which the robot may have
    gone any way;
 3. those that say how uncertain they are (PoseWithCovarianceStamped, particles, Odometry) before
@@ -31,7 +31,14 @@ import numpy as np
 from ogm_mcmc.arrays import BoolArray, Int64Array
 from ogm_mcmc.engine.transform_tree import TransformTree
 
-__all__ = ['PoseCandidate', 'PoseChoice', 'RankedPoses', 'choose_poses', 'tf_candidates']
+__all__ = [
+    'PoseCandidate',
+    'PoseChoice',
+    'RankedPoses',
+    'choose_poses',
+    'is_called_odom',
+    'tf_candidates',
+]
 
 NS_PER_S = 1_000_000_000
 
@@ -199,6 +206,11 @@ def choose_poses(
     return PoseChoice(ranked[0], (*ranked[1:], *more), stamps, max_gap_s)
 
 
+def is_called_odom(frame: str) -> bool:
+    """Return whether a frame is that of odometry by its name: `odom` is in it, after any slash."""
+    return 'odom' in frame.rsplit('/')[-1].lower()
+
+
 def coverage(edges: Sequence[Int64Array], scan_stamps: Int64Array, max_gap_ns: int) -> float:
     """Return the share of scans whose stamp every edge covers: at an entry, or in a small gap."""
     covered = np.ones(scan_stamps.size, bool)
@@ -223,7 +235,7 @@ def _covered(known: Int64Array, wanted: Int64Array, max_gap_ns: int) -> BoolArra
 def _rank(ranked: RankedPoses, best: float) -> tuple[object, ...]:
     source = ranked.candidate
     enough = ranked.coverage >= ABOUT_AS_MANY * best and ranked.coverage > 0.0
-    drifts = 'odom' in source.frame.lower()
+    drifts = is_called_odom(source.frame)
     typical_ns = max((_typical_gap(edge) for edge in source.stamps), default=0.0)
     return (
         ranked.coverage == 0.0,

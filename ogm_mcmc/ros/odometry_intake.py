@@ -11,10 +11,10 @@ from rclpy.node import Node
 from ogm_mcmc.config import PosesConfig
 from ogm_mcmc.engine.odometry import (
     OdometryTrack,
-    is_called_odom,
     is_of_base,
     odometry_frame,
 )
+from ogm_mcmc.engine.pose_choice import is_called_odom
 from ogm_mcmc.engine.still_clocks import StillClocks
 from ogm_mcmc.engine.tf_poses import TfPoses
 from ogm_mcmc.errors import PoseError
@@ -31,7 +31,7 @@ TOPIC = 'odom'
 class OdometryIntake:
     """Keeps the odometry at the stamps of recorded scans, for joint poses that want it.
 
-    With poses from tf it is the frame called odom above the base, else the topic `odom`. Where
+    With poses from tf it is the frame of odometry above the base, else the topic `odom`. Where
     poses are those of odometry themselves there is none beside them: it would count twice.
     """
 
@@ -69,7 +69,7 @@ class OdometryIntake:
         if not is_called_odom(frame):
             problems.warn(
                 'odometry_wrong_frame',
-                f'odometry in frame {frame!r} dropped: expected one called odom',
+                f'odometry in frame {frame!r} dropped: expected one with odom in its name',
             )
             return
         if not is_of_base(child, base, self.intake.transforms.tree):

@@ -27,7 +27,7 @@ from ogm_mcmc.config.nodes import (
     refine_settings_agree,
 )
 from ogm_mcmc.engine.corrections import Corrected, Nodes
-from ogm_mcmc.engine.odometry import is_called_odom
+from ogm_mcmc.engine.pose_choice import is_called_odom
 from ogm_mcmc.engine.recording import Recording
 from ogm_mcmc.engine.refined_map import RefinedMap
 from ogm_mcmc.engine.sampling_orders import SamplingOrders

@@ -42,6 +42,8 @@ ODOM = ranked('/odom', 'odom', 0.9)
     [
         (POSE, [ODOM], '/odom'),
         (POSE, [ODOM, ranked(TF, 'robot/odom', 1.0, TF)], TF),
+        (POSE, [ranked('/odom', 'robot1_odom', 0.9)], '/odom'),
+        (POSE, [ranked('/odom', 'odom/map', 0.9)], None),
         (POSE, [ranked(TF, 'odom', 0.9, TF), ODOM], '/odom'),
         (POSE, [ranked('/odom', 'odom', 0.4)], None),
         (POSE, [ranked('/truth', 'map', 1.0), ranked('/goal', 'odom', 1.0, ros_types.POSE)], None),
