@@ -25,7 +25,8 @@ def main() -> None:
     except KeyboardInterrupt:
         code = 130
     except SystemExit as left:
-        end_at_once_on_signals(left.code if isinstance(left.code, int) else 1)
+        code = left.code if isinstance(left.code, int) else int(left.code is not None)
+        end_at_once_on_signals(code)
         raise
     except Exception as error:
         found = _left_by(error)

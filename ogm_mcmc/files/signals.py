@@ -1,7 +1,7 @@
 """Ctrl-C and a polite kill (SIGINT, SIGTERM): all ways in which the package takes them.
 
 Commands leave through every `with` (`leave_on_signals`), sampling ends early (`interruptible`),
-short critical work goes first (`signals_later`), what is done ends at once
+short critical work goes first (`signals_later`), what is done or not begun ends at once
 (`end_at_once_on_signals`), nodes finish what they do (`NotedSignals`), and
 children that this process ends by itself hear nothing of Ctrl-C (`starting_children`).
 
@@ -57,17 +57,18 @@ def leave_on_signals() -> None:
 
 
 def end_at_once_on_signals(code: int) -> None:
-    """Let SIGINT and SIGTERM end the process with a code, as all work is done.
+    """Let SIGINT and SIGTERM end the process with a code: there is nothing to clean up.
 
-    While Python takes itself down nobody catches an exception: it would be printed.
+    While Python takes itself down nobody catches an exception: it would be printed. A signal that
+    is ignored, as under nohup, stays so; one that is not handled by Python is left alone.
     """
     if threading.current_thread() is not threading.main_thread():
         return
-    for stream in (sys.stdout, sys.stderr):
+    for stream in filter(None, (sys.stdout, sys.stderr)):  # None: closed before the start
         with contextlib.suppress(OSError, ValueError):  # nobody reads it any more
             stream.flush()
     for number in (signal.SIGINT, signal.SIGTERM):
-        if callable(signal.getsignal(number)):
+        if signal.getsignal(number) not in (signal.SIG_IGN, None):
             signal.signal(number, lambda *_: os._exit(code))
 
 

@@ -6,13 +6,11 @@ there is nothing to clean up, so SIGINT and SIGTERM end the process on the spot,
 
 from __future__ import annotations
 
-import contextlib
 import importlib
 import os
-import signal
-import sys
 
 from ogm_mcmc.files.processes import end_with_parent
+from ogm_mcmc.files.signals import end_at_once_on_signals
 
 __all__ = ['NODES', 'online_mapper', 'refine_server', 'replay', 'run']
 
@@ -36,9 +34,7 @@ def replay() -> None:
 
 def run(node: str) -> None:
     """Run a node of `NODES` and leave with its exit code."""
-    for number in (signal.SIGINT, signal.SIGTERM):
-        if signal.getsignal(number) is not signal.SIG_IGN:  # as under nohup
-            signal.signal(number, lambda *_: os._exit(0))
+    end_at_once_on_signals(0)
     end_with_parent()
     main = importlib.import_module(f'ogm_mcmc.ros.{node}').main
     try:
@@ -54,7 +50,5 @@ def leave(code: int) -> None:
     down), and waits for a thread in the compiler, which cannot stop. On a busy robot that is
     longer than the five seconds that launch gives a node before it sends SIGTERM.
     """
-    for stream in (sys.stdout, sys.stderr):
-        with contextlib.suppress(OSError, ValueError):  # nobody reads it any more
-            stream.flush()
+    end_at_once_on_signals(code)  # what was said is out by then
     os._exit(code)

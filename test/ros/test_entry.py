@@ -33,6 +33,12 @@ def test_a_node_that_is_done_ends_at_once_and_its_output_is_whole(code, expected
     assert (done.returncode, done.stdout) == (expected, 'the last word')
 
 
+def test_a_node_runs_where_its_streams_are_closed():
+    program = PROGRAM.replace('sys.stdout.write(', 'str(').format(code='3')
+    shell = 'exec "$0" -c "$1" 1>&- 2>&-'
+    assert subprocess.run(['sh', '-c', shell, sys.executable, program], timeout=30).returncode == 3
+
+
 # A process that is killed at once, and a node in a process of its own that it has started.
 KILLED = """
 import os, signal, subprocess, sys
