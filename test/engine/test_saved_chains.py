@@ -48,6 +48,7 @@ def test_saved_chains_go_on_as_if_nothing_had_happened(tmp_path, sweeps):
         (20, 17, 16),
         (20, 19, 18),
         (20, 25, 18),
+        (40, 9, 8),  # the likelihood has a power then, see `burn_in.power_after`
         (40, 33, 32),
         (40, 80, 38),
     ],
