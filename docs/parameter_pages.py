@@ -9,8 +9,12 @@ from __future__ import annotations
 import sys
 import textwrap
 from collections.abc import Iterable
+from pathlib import Path
 
 import yaml
+
+# The pages are of the checkout that this file is in, not of an installed package.
+sys.path.insert(0, str(Path(__file__).parent.parent))
 
 from ogm_mcmc.config import Setting, settings_of
 from ogm_mcmc.config.nodes import (

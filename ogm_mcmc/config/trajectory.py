@@ -58,7 +58,7 @@ class TrajectoryConfig:
     odometry: bool = setting(
         True,
         'use odometry for the motion from scan to scan, where there is any beside the poses: '
-        'nav_msgs/Odometry, or a frame odom in tf',
+        'nav_msgs/Odometry, or a frame with odom in its name in tf',
     )
     beam_times: bool = setting(
         True,
