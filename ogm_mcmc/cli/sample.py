@@ -264,7 +264,7 @@ def _prepare(
     elif drifting and not choice.joint:
         say('poses are those of odometry, which drifts: --poses joint estimates them')
     if choice.joint:
-        poses = _joint_poses(scans, settings, bag)
+        poses = _joint_poses(scans, settings, bag, drifting)
         scans = scans if poses is None else poses.placed()
     refinement.take(scans, start)
     state = KeptState(refinement, options.state)
@@ -276,10 +276,10 @@ def _prepare(
 
 
 def _joint_poses(
-    scans: list[PlacedScan], settings: TrajectoryConfig, bag: BagScans
+    scans: list[PlacedScan], settings: TrajectoryConfig, bag: BagScans, drifting: bool
 ) -> PoseRefinement | None:
     """Estimate poses; None where that was ended before they were better than those given."""
-    poses = PoseRefinement(scans, settings, bag.odometry)
+    poses = PoseRefinement(scans, settings, bag.odometry, drifting=drifting)
     with interruptible() as interrupted:
         refine_poses(poses, interrupted)
     if interrupted.is_set():
@@ -289,7 +289,9 @@ def _joint_poses(
             return None
     if settings.odometry:
         used = poses.wheels
-        say(said_odometry(bag.odometry_name, used, len(scans), poses.odometry_scale))
+        say(
+            said_odometry(bag.odometry_name or 'the robot', used, len(scans), poses.odometry_scale)
+        )
     if times := poses.said_beam_times():
         say(times)
     return poses

@@ -118,6 +118,9 @@ class PoseRefinement:
     out bent by that, from `scans_bent`: those of before stay the same objects. That is not looked
     for where scans are of several sensors, each of which would have times and speeds of its own,
     or of one that moves on the robot: mounts that differ may be of either.
+
+    Poses that are `drifting` are those of odometry: they are the moves themselves then, and no
+    others are looked at, which may be the same once more.
     """
 
     def __init__(
@@ -126,13 +129,15 @@ class PoseRefinement:
         config: TrajectoryConfig,
         odometry: OdometryAt | None = None,
         scans_bent: BentScans | None = None,
+        *,
+        drifting: bool = False,
     ) -> None:
         self.scans = list(scans)
         self.scans_bent = BentScans() if scans_bent is None else scans_bent
         stamps = np.array([placed.scan.stamp_ns for placed in scans], np.int64)
         self.order = np.argsort(stamps, kind='stable')
         self.wheels: Moves | None = None
-        if odometry is not None and config.odometry:
+        if odometry is not None and config.odometry and not drifting:
             self.wheels = wheel_moves(self.scans, self.order, odometry)
         self.one_sensor = _of_one_sensor(self.scans)
         self.estimator = TrajectoryRefinement(
@@ -141,7 +146,10 @@ class PoseRefinement:
             moves=self.wheels,
             order=self.order,
             times_s=1e-9 * (stamps - stamps[:1]) if self.one_sensor else None,
+            drifting=drifting,
         )
+        if drifting and len(self.scans) > 1:
+            self.wheels = self.estimator.factors.moves
         self.progress: TrajectoryProgress | None = None
 
     @property

@@ -102,7 +102,7 @@ class OrderRunner:
         cell_m = self._chains.config.window.resolution
         choice = self._poses.choose(order.scans, cell_m, order.settled, order.drifting)
         if choice.joint and order.settled:
-            self._beside.want(order.scans)
+            self._beside.want(order.scans, order.drifting)
         self._soon = SOON
         taken = self._take_kept(order, time.monotonic() + order.stop.max_time)
         began = time.monotonic()

@@ -31,7 +31,10 @@ __all__ = ['PosesBeside']
 class _Task:
     """Scans whose poses are estimated, and how far that is."""
 
-    def __init__(self, scans: Sequence[PlacedScan], before: _Task | None) -> None:
+    def __init__(
+        self, scans: Sequence[PlacedScan], before: _Task | None, drifting: bool = False
+    ) -> None:
+        self.drifting = drifting
         self.scans, self.until = scans, math.inf  # on the monotonic clock; 0: to be ended
         self.before = before  # which may still be at work
         self.refinement: PoseRefinement | None = None
@@ -42,7 +45,9 @@ class _Task:
         self.ended = False
         self.thread: threading.Thread | None = None  # once it began
 
-    def is_of(self, scans: Sequence[PlacedScan]) -> bool:
+    def is_of(self, scans: Sequence[PlacedScan], drifting: bool) -> bool:
+        if drifting != self.drifting:
+            return False
         pairs = zip(scans, self.scans, strict=False)
         return len(scans) == len(self.scans) and all(a is b for a, b in pairs)
 
@@ -68,8 +73,10 @@ class PosesBeside:
         self._bent = BentScans()
         self._task: _Task | None = None
 
-    def want(self, scans: Sequence[PlacedScan]) -> None:
+    def want(self, scans: Sequence[PlacedScan], drifting: bool = False) -> None:
         """Have poses of scans estimated once it begins, from where these were left.
+
+        Those that are `drifting` are of odometry.
 
         Where all was done with the same scans, and taken, there is nothing to do.
         """
@@ -77,11 +84,11 @@ class PosesBeside:
         before = self._task
         if before is not None and before.thread is None:  # it never began
             before = before.before
-        if before is not None and before.is_of(scans) and before.done:
+        if before is not None and before.is_of(scans, drifting) and before.done:
             self._task = before
             return
-        self._task = _Task(scans, before)
-        if before is not None and before.is_of(scans):
+        self._task = _Task(scans, before, drifting)
+        if before is not None and before.is_of(scans, drifting):
             self._task.taken = before.taken
 
     def begin(self, max_time_s: float) -> None:
@@ -154,7 +161,8 @@ class PosesBeside:
         if before is not None and before.thread is not None:
             before.thread.join()
         try:
-            if before is not None and before.error is None and before.is_of(task.scans):
+            same = before is not None and before.is_of(task.scans, task.drifting)
+            if before is not None and same and before.error is None:
                 task.refinement = before.refinement
             del before
             self._estimate(task)
@@ -171,7 +179,9 @@ class PosesBeside:
         if task.refinement is None:
             if task.until == 0.0:  # ended while it waited for another one
                 return
-            found = PoseRefinement(task.scans, self.config, self.odometry, self._bent)
+            found = PoseRefinement(
+                task.scans, self.config, self.odometry, self._bent, drifting=task.drifting
+            )
             task.refinement = found
         refinement, told = task.refinement, False
         left_s = task.until - time.monotonic()

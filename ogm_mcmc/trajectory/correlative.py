@@ -6,6 +6,9 @@ lattice around its belief, then on a finer one. A scan that was put down wrongly
 astray, so later every scan is looked up once more, in a field of all scans but those of its part
 (every fourth): `relocate`. Poses that alignment came to are looked at once more in this way, most
 of them near by only: `recheck`.
+
+Odometry says where a scan is from the one before, and not where in the map. So its scans are
+looked up in turn where the move from the one before puts them: `look_up_along`.
 """
 
 from __future__ import annotations
@@ -20,9 +23,10 @@ from ogm_mcmc.arrays import AnyArray, Float32Array, Float64Array, Int64Array
 from ogm_mcmc.errors import require
 from ogm_mcmc.trajectory.correlative_kernels import best_pose, paint, paint_free
 from ogm_mcmc.trajectory.factors import PoseFactors
+from ogm_mcmc.trajectory.moves import Moves, composed
 from ogm_mcmc.trajectory.points import ScanPoints, wrapped
 
-__all__ = ['LookUp', 'look_up_in_turn', 'recheck', 'relocate']
+__all__ = ['LookUp', 'look_up_along', 'look_up_in_turn', 'recheck', 'relocate']
 
 # Parts that are looked up in what all the others saw.
 PARTS = 4
@@ -35,6 +39,9 @@ FITTING_SHARE = 0.75
 
 # Space that others looked through is free from so many `blur_m` before what they saw.
 FREE_FROM = 1.5
+
+# A field that scans leave is made wider by so much on every side, m.
+WIDER_M = 10.0
 
 # The first look is at every other point.
 COARSE_STRIDE = 2
@@ -98,6 +105,17 @@ class _Field:
         other.settings = settings
         return other
 
+    def make_room(self, k: int, pose: Float64Array) -> None:
+        """Make it wider until it holds the points of scan k at a pose, and around that."""
+        cell_m, ends = self.settings.cell_m, self._ends(k, pose)
+        around = (self.settings.reach_m + 1.0) / cell_m
+        size = np.array(self.values.shape[::-1])[:, None]
+        out = max(np.max(around - ends, initial=0.0), np.max(ends + around - size, initial=0.0))
+        if out > 0.0:
+            cells = math.ceil(out) + round(WIDER_M / cell_m)
+            self.values = np.pad(self.values, cells)
+            self.corner = self.corner - cells * cell_m
+
     def add(self, scans: AnyArray, poses: Float64Array) -> None:
         """Paint scans as the poses (K, 3) place them; all at once where free space counts."""
         ends = [self._ends(k, poses[k]) for k in scans]
@@ -157,6 +175,32 @@ def look_up_in_turn(
     for n, k in enumerate(order):
         if n:
             _, poses[k] = field.look_up(int(k), factors.mean[k], factors, wide=True)
+        field.add(order[n : n + 1], poses)
+    return poses
+
+
+def look_up_along(
+    points: ScanPoints, start: Float64Array, moves: Moves, order: Int64Array, settings: LookUp
+) -> Float64Array:
+    """Return poses (K, 3): scans of `order` (K,) looked up where moves from others put them.
+
+    Each is looked up in what all before it saw, with the move (of the first source) as what is
+    believed of it. A scan that none leads to stays at `start` (K, 3).
+    """
+    poses = start.copy()
+    leads = {int(moves.second[m]): int(m) for m in np.flatnonzero(moves.source == 0)}
+    mean, precision = start.copy(), np.zeros((len(start), 3, 3))
+    believed = PoseFactors(mean, precision, Moves.none(), np.ones(len(start), np.bool_))
+    field = _Field(points, poses, settings)
+    for n, k in enumerate(order):
+        if (m := leads.get(int(k))) is not None:
+            before = poses[moves.first[m]]
+            mean[k] = composed(before, moves.move[m])
+            cosine, sine = math.cos(before[2]), math.sin(before[2])
+            turned = np.array([(cosine, -sine, 0.0), (sine, cosine, 0.0), (0.0, 0.0, 1.0)])
+            precision[k] = turned @ moves.precision[m] @ turned.T
+            field.make_room(int(k), mean[k])
+            _, poses[k] = field.look_up(int(k), mean[k], believed, wide=True)
         field.add(order[n : n + 1], poses)
     return poses
 

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ogm_mcmc.arrays import BoolArray, Float64Array, Int64Array
+from ogm_mcmc.arrays import AnyArray, BoolArray, Float64Array, Int64Array
 from ogm_mcmc.geometry import PoseBelief
 from ogm_mcmc.trajectory.alike import Alike, effective_count, symmetric_roots
 from ogm_mcmc.trajectory.moves import Moves, jacobians
@@ -90,6 +90,17 @@ class PoseFactors(NamedTuple):
                 covariance = np.diag(np.square(np.asarray(spread, np.float64)))
             precision[k] = np.linalg.inv(covariance + np.diag(LEAST_SPREAD**2))
         return cls(mean, precision, Moves.none() if moves is None else moves, said)
+
+    def of_odometry(self, order: AnyArray, spread: Sequence[float]) -> PoseFactors:
+        """Return the factors of poses that are odometry, in the `order` (K,) they were passed.
+
+        It says how the robot went, as wheels do, and nothing of where it is: whatever came with a
+        pose, all K beliefs together hold the map as one pose of the deviations `spread` would.
+        """
+        k = len(self.mean)
+        precision = np.tile(np.diag(1.0 / (k * np.square(spread))), (k, 1, 1))
+        moves = Moves.of_wheels(self.mean, order).and_those(self.moves)
+        return self._replace(precision=precision, moves=moves, said=np.zeros(k, np.bool_))
 
     def doubt(self, poses: Float64Array, blocks: Float64Array, now: PoseFactors) -> float:
         """Return s: how many times the covariances of beliefs are what poses (K, 3) show.

@@ -16,7 +16,7 @@ import numpy as np
 from ogm_mcmc.arrays import AnyArray, BoolArray, Float64Array, Int64Array
 from ogm_mcmc.trajectory.points import wrapped
 
-__all__ = ['Moves', 'jacobians', 'relative_poses']
+__all__ = ['Moves', 'composed', 'jacobians', 'relative_poses']
 
 # Degrees of freedom of moves that may be off by far.
 HEAVY_TAILS = 3.0
@@ -181,6 +181,13 @@ def relative_poses(first: Float64Array, second: Float64Array) -> Float64Array:
     cosine, sine = np.cos(first[:, 2]), np.sin(first[:, 2])
     turn = second[:, 2] - first[:, 2]
     return wrapped(np.stack((cosine * dx + sine * dy, cosine * dy - sine * dx, turn), axis=1))
+
+
+def composed(pose: Float64Array, move: Float64Array) -> Float64Array:
+    """Return where a move (3,) leads from a pose (3,); the inverse of `relative_poses`."""
+    cosine, sine = math.cos(pose[2]), math.sin(pose[2])
+    x, y = cosine * move[0] - sine * move[1], sine * move[0] + cosine * move[1]
+    return wrapped(pose + np.array([x, y, move[2]]))
 
 
 def jacobians(first: Float64Array, second: Float64Array) -> tuple[Float64Array, Float64Array]:

@@ -16,7 +16,13 @@ from ogm_mcmc.geometry import Pose2D, PoseBelief, Scan
 from ogm_mcmc.trajectory.alike import Alike
 from ogm_mcmc.trajectory.apart import without_common_motion
 from ogm_mcmc.trajectory.beam_times import BeamTimes, bent_points, shown_times, velocities
-from ogm_mcmc.trajectory.correlative import LookUp, look_up_in_turn, recheck, relocate
+from ogm_mcmc.trajectory.correlative import (
+    LookUp,
+    look_up_along,
+    look_up_in_turn,
+    recheck,
+    relocate,
+)
 from ogm_mcmc.trajectory.curvature import (
     ROUGHLY,
     drawn_deviation,
@@ -66,6 +72,9 @@ RECHECKS = 2
 # Stages that a search begins with, and that its look-up of astray scans is followed by.
 SEARCH_STAGES = STAGES[:2]
 
+# Odometry is off by no more from one scan to the next, as long as wheels do not slip by far.
+ALONG = LookUp(reach_m=0.5, reach_rad=0.25)
+
 # After these steps of stages from `RESCALED_FROM_M` on, it is asked when beams were taken.
 TIMED_AFTER = (1, 3)
 
@@ -94,7 +103,8 @@ class TrajectoryRefinement:
     Deterministic for a seed, however it is stopped and gone on with. `order` (K,) is the order
     the scans were taken in, by default that in which they are given; `times_s` (K,) is when, as
     far as that is known. With it, `beam_times` says when their beams were, and `speeds` (K, 3) how
-    fast the sensor was (m/s, m/s, rad/s, as it saw itself).
+    fast the sensor was (m/s, m/s, rad/s, as it saw itself). Poses that are `drifting` are those of
+    odometry: they tell how the robot went from scan to scan, not where it was.
     """
 
     def __init__(
@@ -105,6 +115,7 @@ class TrajectoryRefinement:
         moves: Moves | None = None,
         order: AnyArray | None = None,
         times_s: AnyArray | None = None,
+        drifting: bool = False,
     ) -> None:
         if not placed:
             raise WindowError('no scan was recorded: expected at least one')
@@ -118,7 +129,10 @@ class TrajectoryRefinement:
             np.arange(len(placed)) if order is None else order, np.int64
         )
         factors = PoseFactors.of(beliefs, self.config.standard_deviations, moves)
-        if self.config.steps:
+        self._drifting = drifting
+        if drifting:
+            factors = factors.of_odometry(self.order, self.config.standard_deviations)
+        elif self.config.steps:
             own = Moves.of_localizer(factors.mean, self.order)
             factors = factors._replace(moves=own.and_those(factors.moves))
         if self.config.correlation:
@@ -145,6 +159,7 @@ class TrajectoryRefinement:
     def n_steps(self) -> int:
         """Number of steps until all is done, at most."""
         searching = 2 + sum(stage.steps for stage in SEARCH_STAGES) if self.config.search else 0
+        searching = 1 if self._drifting else searching
         again = 1 + sum(stage.steps for stage in COARSE[1:])
         around = RECHECKS * (1 + sum(stage.steps for stage in STAGES[len(COARSE) - 1 :]))
         return (
@@ -167,7 +182,11 @@ class TrajectoryRefinement:
                 return
 
     def _plan(self) -> Iterator[TrajectoryProgress]:
-        if self.config.search:
+        if self._drifting:
+            before, moves = self.poses, self.factors.moves
+            self.poses = look_up_along(self.points, before, moves, self.order, ALONG)
+            yield self._progress('looked up in turn', 0.0, self.poses - before)
+        elif self.config.search:
             look_up = LookUp()
             before = self.poses
             self.poses = look_up_in_turn(self.points, self.factors, self.order, look_up)
@@ -180,7 +199,7 @@ class TrajectoryRefinement:
         for stage in COARSE:
             yield from self._aligning(stage)
         astray = self._astray()
-        if 0 < astray.size < len(self.poses):
+        if 0 < astray.size < len(self.poses) and not self._drifting:
             before = self.poses
             self.poses = relocate(self.points, before, self.factors, ASTRAY, astray)
             yield self._progress('looked up those astray', 0.0, self.poses - before)
@@ -190,7 +209,10 @@ class TrajectoryRefinement:
             yield from self._aligning(stage)
         for _ in range(RECHECKS):
             before = self.poses
-            self.poses = recheck(self.points, before, self.factors, NEAR_BY, FAR_OFF)
+            believed, far = self.factors, FAR_OFF
+            if self._drifting:  # where odometry has them is no place to look
+                believed, far = believed._replace(mean=before), NEAR_BY
+            self.poses = recheck(self.points, before, believed, NEAR_BY, far)
             yield self._progress('looked around', 0.0, self.poses - before)
             if np.array_equal(self.poses, before):
                 break

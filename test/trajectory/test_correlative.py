@@ -9,9 +9,16 @@ from support.rooms import path_through, scans_of
 
 from ogm_mcmc.geometry import PoseBelief
 from ogm_mcmc.trajectory import correlative
-from ogm_mcmc.trajectory.correlative import LookUp, look_up_in_turn, recheck, relocate
+from ogm_mcmc.trajectory.correlative import (
+    LookUp,
+    look_up_along,
+    look_up_in_turn,
+    recheck,
+    relocate,
+)
 from ogm_mcmc.trajectory.correlative_kernels import paint_free
 from ogm_mcmc.trajectory.factors import PoseFactors
+from ogm_mcmc.trajectory.moves import Moves, composed, relative_poses
 from ogm_mcmc.trajectory.points import ScanPoints, poses_of
 
 TRUTH = path_through(8)
@@ -31,6 +38,26 @@ def test_far_poses_are_found_one_after_the_other() -> None:
     off = found - TRUTH
     assert np.hypot(off[:, 0], off[:, 1]).max() < 0.1
     assert np.abs(off[:, 2]).max() < 0.03
+
+
+def test_moves_lead_back_into_the_map_that_odometry_left() -> None:
+    """Each step errs by 15 cm to the same side: the last is off by more than is looked at."""
+    moves = relative_poses(TRUTH[:-1], TRUTH[1:]) + np.array([0.12, 0.09, 0.03])
+    drifted = TRUTH.copy()
+    for k, move in enumerate(moves):
+        drifted[k + 1] = composed(drifted[k], move)
+    assert np.hypot(*(drifted - TRUTH)[-1, :2]) > 0.8
+    order = np.arange(len(TRUTH))
+    found = look_up_along(POINTS, drifted, Moves.of_wheels(drifted, order), order, NEAR)
+    assert np.abs(found - TRUTH).max() < 0.1
+
+
+def test_a_field_is_made_wider_where_moves_lead_out_of_it() -> None:
+    """All start at one place: the moves alone say how far the others are."""
+    order = np.arange(len(TRUTH))
+    start = np.tile(TRUTH[0], (len(TRUTH), 1))
+    found = look_up_along(POINTS, start, Moves.of_wheels(TRUTH, order), order, NEAR)
+    assert np.abs(found - TRUTH).max() < 0.1
 
 
 def test_a_scan_astray_is_put_back_and_no_other_is_moved() -> None:

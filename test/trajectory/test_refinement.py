@@ -9,6 +9,7 @@ from ogm_mcmc.errors import ConfigError, WindowError
 from ogm_mcmc.evaluation.trajectories import absolute_errors, coverage
 from ogm_mcmc.geometry import PoseBelief
 from ogm_mcmc.trajectory import Moves, TrajectoryRefinement
+from ogm_mcmc.trajectory.moves import composed, relative_poses
 from ogm_mcmc.trajectory.points import poses_of
 
 TRUTH = path_through(10)
@@ -144,6 +145,23 @@ def test_wheels_that_slip_do_not_bend_the_trajectory() -> None:
         found.append(absolute_errors(one.poses, TRUTH))
     assert found[1].distance_m.max() < found[0].distance_m.max() + 0.002
     assert found[1].turn_rad.max() < found[0].turn_rad.max() + 0.001
+
+
+def test_odometry_alone_says_how_the_robot_went_and_not_where_it_is() -> None:
+    """It ends 0.9 m astray, though it says that it is sure to 1 cm."""
+    moves = relative_poses(TRUTH[:-1], TRUTH[1:]) + np.array([0.05, 0.09, 0.03])
+    odometry = TRUTH.copy()
+    for k, move in enumerate(moves):
+        odometry[k + 1] = composed(odometry[k], move)
+    assert np.hypot(*(odometry - TRUTH)[-1, :2]) > 0.8
+    beliefs = [PoseBelief(pose, np.diag([1e-4, 1e-4, 1e-4])) for pose in poses_of(odometry)]
+    placed = list(zip(SCANS, beliefs, strict=True))
+    one = TrajectoryRefinement(placed, TrajectoryConfig(draws=2), drifting=True)
+    assert len(list(one.run())) <= one.n_steps
+    off = relative_poses(one.poses[:-1], one.poses[1:]) - relative_poses(TRUTH[:-1], TRUTH[1:])
+    assert np.abs(off).max() < 0.03
+    assert absolute_errors(one.poses, TRUTH).distance_m.max() < 0.03
+    assert one.belief_scale == 1.0
 
 
 def test_drift_is_learned_and_widens_what_is_said_of_the_whole_map() -> None:
