@@ -299,7 +299,7 @@ def test_poses_that_cannot_be_estimated_leave_the_map_at_those_given(
 ):
     warned = []
 
-    def fails(*_):
+    def fails(*_, **__):
         raise error
 
     monkeypatch.setattr('ogm_mcmc.engine.poses_beside.PoseRefinement', fails)
