@@ -329,7 +329,7 @@ def test_joint_poses_that_cannot_be_sampled_leave_the_map_at_those_given(make, m
 
 
 def test_a_bug_in_poses_is_not_swallowed(monkeypatch):
-    def broken(*_):
+    def broken(*_, **__):
         raise ZeroDivisionError
 
     monkeypatch.setattr('ogm_mcmc.engine.poses_beside.PoseRefinement', broken)
