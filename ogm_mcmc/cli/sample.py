@@ -265,6 +265,7 @@ def _prepare(
         say('poses are those of odometry, which drifts: --poses joint estimates them')
     if choice.joint:
         poses = _joint_poses(scans, settings, bag, drifting)
+        poses = _that_hold(poses, chosen.poses)
         scans = scans if poses is None else poses.placed()
     refinement.take(scans, start)
     state = KeptState(refinement, options.state)
@@ -295,6 +296,15 @@ def _joint_poses(
     if times := poses.said_beam_times():
         say(times)
     return poses
+
+
+def _that_hold(poses: PoseRefinement | None, asked: PosesConfig) -> PoseRefinement | None:
+    """Return poses as they are, None where `auto` is not to use them; warn where they are torn."""
+    if poses is None or not (torn := poses.said_torn()):
+        return poses
+    kept = asked.poses == 'auto'
+    say(f'{torn}: ' + ('poses stay as given' if kept else 'a SLAM system may know better'))
+    return None if kept else poses
 
 
 class _Chosen(NamedTuple):

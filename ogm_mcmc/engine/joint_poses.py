@@ -32,6 +32,9 @@ UNSURE_RAD = math.radians(0.5)
 # Where a sensor sits on the robot may differ by so much from scan to scan, m, m, rad.
 SAME_MOUNT = (0.01, 0.01, 0.01)
 
+# Odometry is not off by so many of its deviations, and this many m or rad, between two scans.
+TORN_FROM, TORN_LEAST = 10.0, 0.2
+
 # What the result says of points, see `ogm_mcmc.trajectory.curvature`.
 OF_POINTS = ('held_by_points', 'points_show', 'stretches_show')
 
@@ -148,6 +151,7 @@ class PoseRefinement:
             times_s=1e-9 * (stamps - stamps[:1]) if self.one_sensor else None,
             drifting=drifting,
         )
+        self.drifting = drifting
         if drifting and len(self.scans) > 1:
             self.wheels = self.estimator.factors.moves
         self.progress: TrajectoryProgress | None = None
@@ -213,6 +217,27 @@ class PoseRefinement:
         return (
             'scans of several sensors, or of one that moves on the robot: when their beams were '
             'taken is not estimated'
+        )
+
+    def said_torn(self) -> str:
+        """Return a line where poses of odometry were torn apart; empty where they hold.
+
+        That is where one step is off by more than `TORN_FROM` deviations of what is usual for
+        odometry: these scans cannot lie like that in one map.
+        """
+        if not self.drifting or self.wheels is None:
+            return ''
+        errors = np.abs(self.wheels.errors(self.estimator.poses))
+        variances = np.diagonal(np.linalg.inv(self.wheels.precision), axis1=1, axis2=2)
+        torn = ((errors > TORN_FROM * np.sqrt(variances)) & (errors > TORN_LEAST)).any(axis=1)
+        if not torn.any():
+            return ''
+        worst = int(np.argmax(torn * np.hypot(errors[:, 0], errors[:, 1])))
+        stamp_s = 1e-9 * self.scans[int(self.wheels.second[worst])].scan.stamp_ns
+        return (
+            f'joint poses are torn apart at {np.count_nonzero(torn)} of {torn.size} steps: at '
+            f'{stamp_s:.2f} s {np.hypot(*errors[worst, :2]):.2f} m and '
+            f'{math.degrees(errors[worst, 2]):.1f} degrees from what odometry says'
         )
 
     @property

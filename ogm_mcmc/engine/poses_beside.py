@@ -196,6 +196,8 @@ class PosesBeside:
             self._hand_over(task, refinement)
 
     def _hand_over(self, task: _Task, refinement: PoseRefinement) -> None:
+        if torn := refinement.said_torn():
+            raise PoseError(torn)
         said = []
         if refinement.aligned:
             if self.config.odometry:

@@ -5,9 +5,12 @@ import math
 import numpy as np
 import pytest
 
-from ogm_mcmc.config import PosesConfig
-from ogm_mcmc.engine.joint_poses import choose_joint
+from ogm_mcmc.cli.sample import _that_hold as that_hold
+from ogm_mcmc.config import PosesConfig, TrajectoryConfig
+from ogm_mcmc.engine.joint_poses import PoseRefinement, choose_joint
 from ogm_mcmc.engine.kept_poses import KeptPoses
+from ogm_mcmc.engine.poses_beside import PosesBeside
+from ogm_mcmc.errors import PoseError
 from ogm_mcmc.geometry import PlacedScan, Pose2D, PoseBelief, PoseSamples, Scan
 
 CELL = 0.1
@@ -102,3 +105,28 @@ def test_a_choice_that_stays_is_said_once():
     for sigma in (0.06, 0.04, 0.06, 0.04):
         assert kept.choose(placed(spread(sigma, 0.1)), CELL).joint
     assert len(said) == 1
+
+
+@pytest.mark.parametrize('drifting', [True, False])
+def test_poses_torn_from_odometry_are_told(drifting):
+    """A localizer jumps, so only steps of odometry tell."""
+    one = PoseRefinement(placed(None), TrajectoryConfig(), drifting=drifting)
+    assert one.said_torn() == ''
+    one.estimator.poses[2] += (0.15, 0.0, 0.0)  # nothing is torn by that
+    assert one.said_torn() == ''
+    one.estimator.poses[2] += (2.85, 0.0, 0.0)
+    assert ('torn apart at 1 of 2 steps' in one.said_torn()) == drifting
+    assert ('3.00 m and 0.0 degrees' in one.said_torn()) == drifting
+
+
+@pytest.mark.parametrize(('poses', 'kept'), [('auto', 'stay as given'), ('joint', 'may know')])
+def test_torn_poses_are_not_sampled_at_unless_asked_for(poses, kept, capsys):
+    one = PoseRefinement(placed(None), TrajectoryConfig(), drifting=True)
+    assert that_hold(one, PosesConfig(poses)) is one
+    assert capsys.readouterr().err == ''
+    one.estimator.poses[2] += (3.0, 0.0, 0.0)
+    assert that_hold(one, PosesConfig(poses)) is (None if poses == 'auto' else one)
+    assert kept in capsys.readouterr().err
+    beside = PosesBeside(TrajectoryConfig(), None, lambda: None)
+    with pytest.raises(PoseError, match='torn apart at 1 of 2 steps'):
+        beside._hand_over(None, one)
