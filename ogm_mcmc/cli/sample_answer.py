@@ -60,7 +60,10 @@ def answer_text(result: dict[str, Any]) -> str:
         of = result['trajectory']
         moved = f'; poses moved {100.0 * of["moved_m"]:.1f} cm, {of["moved_deg"]:.2f} degrees'
         if 'deviation_m' in of:
-            moved += f', now sure to {100.0 * of["deviation_m"]:.1f} cm'
+            moved += (
+                f', now sure to {100.0 * of["deviation_apart_m"]:.1f} cm, '
+                f'all together to {100.0 * of["deviation_m"]:.0f} cm'
+            )
     merged = f' ({result["rays_merged"]} merged with equal ones)' if result['rays_merged'] else ''
     early = '' if result['counted'] else ' before the end of the burn-in: no posterior mean yet'
     return (

@@ -273,6 +273,9 @@ class PoseRefinement:
             place = np.sqrt((spread[:, :2] ** 2).sum(axis=1))
             figures['deviation_m'] = round(float(np.median(place)), 6)
             figures['deviation_deg'] = round(math.degrees(float(np.median(spread[:, 2]))), 6)
+            apart = _deviations(self.estimator.covariances(apart=True))
+            alone = np.sqrt((apart[:, :2] ** 2).sum(axis=1))
+            figures['deviation_apart_m'] = round(float(np.median(alone)), 6)
         return figures
 
 

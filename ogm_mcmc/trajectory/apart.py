@@ -12,7 +12,7 @@ import numpy as np
 
 from ogm_mcmc.arrays import Float64Array
 
-__all__ = ['without_common_motion']
+__all__ = ['moved_as_one', 'without_common_motion']
 
 
 def without_common_motion(drawn: Float64Array, poses: Float64Array) -> Float64Array:
@@ -20,8 +20,7 @@ def without_common_motion(drawn: Float64Array, poses: Float64Array) -> Float64Ar
 
     That is the small rigid motion that fits the places of a draw best, of each draw its own.
     """
-    from_middle = poses[:, :2] - poses[:, :2].mean(axis=0)
-    swing = np.column_stack((-from_middle[:, 1], from_middle[:, 0]))
+    swing = _swing(poses)
     left = drawn.copy()
     left[:, :, :2] -= left[:, :, :2].mean(axis=1, keepdims=True)
     lever = float((swing**2).sum())
@@ -32,3 +31,21 @@ def without_common_motion(drawn: Float64Array, poses: Float64Array) -> Float64Ar
     left[:, :, :2] -= turn[:, None, None] * swing
     left[:, :, 2] -= turn[:, None]
     return left
+
+
+def moved_as_one(drawn: Float64Array, poses: Float64Array, motion: Float64Array) -> Float64Array:
+    """Return deviations (K, 3) of poses (K, 3) whose common shift and turn are `motion` (3,).
+
+    For poses that nothing but each other holds: what is solved for stops long before it has found
+    a motion of all that so little holds. The turn is around the middle of the poses, m and rad.
+    """
+    left: Float64Array = without_common_motion(drawn[None], poses)[0]
+    left[:, :2] += motion[:2] + motion[2] * _swing(poses)
+    left[:, 2] += motion[2]
+    return left
+
+
+def _swing(poses: Float64Array) -> Float64Array:
+    """Return how the places (K, 2) of poses move where all turn around their middle, m a rad."""
+    from_middle = poses[:, :2] - poses[:, :2].mean(axis=0)
+    return np.column_stack((-from_middle[:, 1], from_middle[:, 0]))

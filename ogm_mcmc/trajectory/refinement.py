@@ -14,7 +14,7 @@ from ogm_mcmc.config import TrajectoryConfig
 from ogm_mcmc.errors import WindowError
 from ogm_mcmc.geometry import Pose2D, PoseBelief, Scan
 from ogm_mcmc.trajectory.alike import Alike
-from ogm_mcmc.trajectory.apart import without_common_motion
+from ogm_mcmc.trajectory.apart import moved_as_one, without_common_motion
 from ogm_mcmc.trajectory.beam_times import BeamTimes, bent_points, shown_times, velocities
 from ogm_mcmc.trajectory.correlative import (
     LookUp,
@@ -135,7 +135,7 @@ class TrajectoryRefinement:
         elif self.config.steps:
             own = Moves.of_localizer(factors.mean, self.order)
             factors = factors._replace(moves=own.and_those(factors.moves))
-        if self.config.correlation:
+        if self.config.correlation and not drifting:  # these count as one belief already
             told = max(self.config.correlation, 0.0)  # below 0: to be learned
             factors = factors._replace(alike=Alike.in_order(self.order, told))
         self._said = self.factors = factors
@@ -304,6 +304,9 @@ class TrajectoryRefinement:
         yield self._progress('curvature measured', stage.side_m, nowhere)
         for _ in range(self.config.draws):
             drawn = drawn_deviation(equations, self._rng, wider, together=self.together)
+            if self._drifting:
+                spread = np.array(self.config.standard_deviations)
+                drawn = moved_as_one(drawn, self.poses, spread * self._rng.normal(size=3))
             self.deviations.append(drawn)
             yield self._progress('drawn', stage.side_m, nowhere)
 

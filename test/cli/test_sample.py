@@ -11,6 +11,7 @@ from support.office import COARSE, FEW, OFFICE_SCANS
 
 from ogm_mcmc.cli.main import run
 from ogm_mcmc.cli.sample import SHORT, _chosen, add_to
+from ogm_mcmc.cli.sample_answer import answer_text
 from ogm_mcmc.cli.sampling_bar import status
 from ogm_mcmc.config import StopConfig, flatten, settings_of
 from ogm_mcmc.config.nodes import LEARNED, REFINE_CONFIGS
@@ -205,6 +206,10 @@ def test_poses_are_estimated_with_the_map(tmp_path, monkeypatch, capsys):
     # Apart from where all of them are together: a few millimetres.
     apart = read_deviations(tmp_path / 'out' / 'map_trajectory.txt', found.stamps_ns, apart=True)
     assert (apart[:, :2] < 0.1 * deviations[:, :2]).all()
+    alone = np.median(np.sqrt((apart[:, :2] ** 2).sum(axis=1)))
+    assert first['trajectory']['deviation_apart_m'] == pytest.approx(alone, abs=1e-6)
+    of_all = round(100.0 * first['trajectory']['deviation_m'])
+    assert f'now sure to {100.0 * alone:.1f} cm, all together to {of_all} cm' in answer_text(first)
     # The same poses again, so the chains go on.
     assert run([*call, '--poses', 'joint', '--state', 'state.npz']) == 0
     assert json.loads(capsys.readouterr().out)['resumed_at'] == 30

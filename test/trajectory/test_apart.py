@@ -1,8 +1,9 @@
 """Deviations of poses without what all of them have in common."""
 
 import numpy as np
+import pytest
 
-from ogm_mcmc.trajectory.apart import without_common_motion
+from ogm_mcmc.trajectory.apart import moved_as_one, without_common_motion
 
 POSES = np.array([(0.0, 0.0, 0.3), (4.0, 0.0, 2.0), (4.0, 2.0, -1.0), (0.0, 2.0, 0.0)])
 
@@ -31,3 +32,18 @@ def test_headings_at_one_place():
     drawn[0, :, 2] = 0.1, 0.3
     left = without_common_motion(drawn, np.zeros((2, 3)))
     assert np.allclose(left[0, :, 2], (-0.1, 0.1))
+
+
+def test_all_poses_are_moved_by_what_is_asked_and_keep_what_they_are_apart():
+    drawn = np.random.default_rng(3).normal(size=POSES.shape)
+    motion = np.array([0.4, -0.2, 0.05])
+    moved = moved_as_one(drawn, POSES, motion)
+    apart = without_common_motion(drawn[None], POSES)[0]
+    assert np.allclose(without_common_motion(moved[None], POSES)[0], apart)
+    common = moved - apart
+    assert np.allclose(common[:, :2].mean(axis=0), motion[:2])
+    assert np.allclose(common[:, 2], 0.05)
+    middle = POSES[:, :2].mean(axis=0)
+    for pose, (x, y, _) in zip(POSES, common, strict=True):
+        east, north = pose[:2] - middle
+        assert (x, y) == pytest.approx((0.4 - 0.05 * north, -0.2 + 0.05 * east))

@@ -164,6 +164,20 @@ def test_odometry_alone_says_how_the_robot_went_and_not_where_it_is() -> None:
     assert one.belief_scale == 1.0
 
 
+def test_of_odometry_alone_the_map_as_a_whole_is_as_open_as_one_pose_is() -> None:
+    placed = list(zip(SCANS, [PoseBelief(pose) for pose in poses_of(TRUTH)], strict=True))
+    one = TrajectoryRefinement(placed, TrajectoryConfig(draws=200), drifting=True)
+    for _ in one.run():
+        pass
+    spread = np.array(one.config.standard_deviations)
+    from_middle = one.poses[:, :2] - one.poses[:, :2].mean(axis=0)
+    swing = spread[2] * np.abs(from_middle[:, ::-1])
+    expected = np.column_stack((np.hypot(spread[0], swing), np.full(len(TRUTH), spread[2])))
+    found = np.sqrt(np.diagonal(one.covariances(), axis1=1, axis2=2))
+    assert np.abs(found / expected - 1.0).max() < 0.2  # of 200 draws: four standard errors
+    assert (one.covariances(apart=True)[:, 0, 0] < 0.01**2).all()
+
+
 def test_drift_is_learned_and_widens_what_is_said_of_the_whole_map() -> None:
     """Beliefs that are off by the same shift: it stays, and intervals say that it may."""
     truth = path_through(24)
