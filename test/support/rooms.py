@@ -10,9 +10,10 @@ import numpy as np
 from ogm_mcmc.arrays import Float64Array
 from ogm_mcmc.geometry import PlacedScan, Pose2D, PoseBelief, Scan
 from ogm_mcmc.simulation.lidar import true_ranges
+from ogm_mcmc.trajectory.moves import composed, relative_poses
 from ogm_mcmc.trajectory.points import poses_of
 
-__all__ = ['ROOM', 'noisy_drive', 'path_through', 'scans_at_times', 'scans_of']
+__all__ = ['ROOM', 'drifted', 'noisy_drive', 'path_through', 'scans_at_times', 'scans_of']
 
 # Walls (W, 4), m: a room of 6 x 4 m with a wall standing into it and a box.
 ROOM = np.array(
@@ -28,6 +29,14 @@ def path_through(count: int) -> Float64Array:
     """Return poses (count, 3) along a bow through the room."""
     share = np.linspace(0.0, 1.0, count)
     return np.column_stack((1.0 + 4.0 * share, 2.2 + 0.3 * np.sin(6.0 * share), 0.5 - share))
+
+
+def drifted(poses: Float64Array, error: Sequence[float]) -> Float64Array:
+    """Return poses (K, 3) as odometry has them whose every step errs alike, m, m and rad."""
+    found = poses.copy()
+    for k, move in enumerate(relative_poses(poses[:-1], poses[1:]) + np.asarray(error)):
+        found[k + 1] = composed(found[k], move)
+    return found
 
 
 def scans_of(poses: Float64Array, beams: int, noise_m: float, seed: int = 0) -> list[Scan]:

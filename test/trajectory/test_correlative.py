@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.rooms import path_through, scans_of
+from support.rooms import drifted, path_through, scans_of
 
 from ogm_mcmc.geometry import PoseBelief
 from ogm_mcmc.trajectory import correlative
@@ -18,7 +18,7 @@ from ogm_mcmc.trajectory.correlative import (
 )
 from ogm_mcmc.trajectory.correlative_kernels import paint_free
 from ogm_mcmc.trajectory.factors import PoseFactors
-from ogm_mcmc.trajectory.moves import Moves, composed, relative_poses
+from ogm_mcmc.trajectory.moves import Moves
 from ogm_mcmc.trajectory.points import ScanPoints, poses_of
 
 TRUTH = path_through(8)
@@ -42,13 +42,10 @@ def test_far_poses_are_found_one_after_the_other() -> None:
 
 def test_moves_lead_back_into_the_map_that_odometry_left() -> None:
     """Each step errs by 15 cm to the same side: the last is off by more than is looked at."""
-    moves = relative_poses(TRUTH[:-1], TRUTH[1:]) + np.array([0.12, 0.09, 0.03])
-    drifted = TRUTH.copy()
-    for k, move in enumerate(moves):
-        drifted[k + 1] = composed(drifted[k], move)
-    assert np.hypot(*(drifted - TRUTH)[-1, :2]) > 0.8
+    odometry = drifted(TRUTH, (0.12, 0.09, 0.03))
+    assert np.hypot(*(odometry - TRUTH)[-1, :2]) > 0.8
     order = np.arange(len(TRUTH))
-    found = look_up_along(POINTS, drifted, Moves.of_wheels(drifted, order), order, NEAR)
+    found = look_up_along(POINTS, odometry, Moves.of_wheels(odometry, order), order, NEAR)
     assert np.abs(found - TRUTH).max() < 0.1
 
 

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from ogm_mcmc.config import ForwardModelConfig, StopConfig
+from ogm_mcmc.config import StopConfig
 from ogm_mcmc.config.nodes import NodeWindowConfig, RefineSamplerConfig
 from ogm_mcmc.config.settings import flatten
 from ogm_mcmc.engine.prior_files import default_prior_file
@@ -26,6 +26,7 @@ from ogm_mcmc.evaluation import ForwardModel, aligned, beam_log_likelihood
 from ogm_mcmc.files.output_files import replacing
 from ogm_mcmc.geometry import GridMap, PlacedScan
 from ogm_mcmc.lab.experiments.datasets import digest_of, run_all
+from ogm_mcmc.lab.experiments.leaderboard import JUDGE, UNKNOWN
 from ogm_mcmc.lab.experiments.results import row
 from ogm_mcmc.lab.experiments.scoring import against_cells
 from ogm_mcmc.lab.experiments.true_worlds import (
@@ -51,10 +52,6 @@ MOST_SWEEPS = 400
 
 # By beams half way between those that are mapped, of every so many-th scan.
 JUDGING_STEP = 3
-JUDGE = ForwardModelConfig(sigma=0.05)
-
-# Of a cell that a map does not know, for the judge.
-UNKNOWN = 0.15
 
 # Name, what it is called, digits, whether more is better.
 FIGURES = (
